@@ -1,0 +1,18 @@
+# embed_files(<target> <table> <glob>): builds text files into the program, so that it runs from anywhere.
+# C++ sees:  #include "<table>.h"  ->  turntable::embedded::<table>(), a list of {stem, text}.
+function(embed_files target table glob)
+  file(GLOB files CONFIGURE_DEPENDS ${glob})
+  set(header "#pragma once\n#include <span>\n#include <string_view>\n#include <utility>\nnamespace turntable::embedded {\nstd::span<const std::pair<std::string_view, std::string_view>> ${table}();\n}\n")
+  set(body "#include \"${table}.h\"\nnamespace turntable::embedded {\nnamespace {\nconstexpr std::pair<std::string_view, std::string_view> kFiles[] = {\n")
+  foreach(file ${files})
+    set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${file})
+    file(READ ${file} text)
+    get_filename_component(stem ${file} NAME)
+    string(REGEX REPLACE "(\\.schema)?\\.json$" "" stem ${stem})
+    string(APPEND body "{\"${stem}\", R\"embedded(${text})embedded\"},\n")
+  endforeach()
+  string(APPEND body "};\n}  // namespace\nstd::span<const std::pair<std::string_view, std::string_view>> ${table}() { return kFiles; }\n}\n")
+  file(CONFIGURE OUTPUT ${CMAKE_BINARY_DIR}/generated/${table}.h CONTENT "${header}" @ONLY)
+  file(CONFIGURE OUTPUT ${CMAKE_BINARY_DIR}/generated/${table}.cpp CONTENT "${body}" @ONLY)
+  target_sources(${target} PRIVATE ${CMAKE_BINARY_DIR}/generated/${table}.cpp)
+endfunction()

@@ -1,0 +1,12 @@
+# The three OpenCV modules the project uses, without Debian's libopencv-dev (which brings Qt, VTK and 300
+# packages more): opencv::imgproc, opencv::imgcodecs, opencv::calib3d.
+find_path(OPENCV_INCLUDE opencv2/core.hpp PATH_SUFFIXES opencv4 REQUIRED)
+foreach(module core imgproc imgcodecs calib3d)
+  find_library(OPENCV_${module} opencv_${module} REQUIRED)
+  add_library(opencv::${module} UNKNOWN IMPORTED)
+  set_target_properties(opencv::${module} PROPERTIES IMPORTED_LOCATION ${OPENCV_${module}}
+    INTERFACE_INCLUDE_DIRECTORIES ${OPENCV_INCLUDE})
+endforeach()
+target_link_libraries(opencv::imgproc INTERFACE opencv::core)
+target_link_libraries(opencv::imgcodecs INTERFACE opencv::core)
+target_link_libraries(opencv::calib3d INTERFACE opencv::core opencv::imgproc)

@@ -1,0 +1,125 @@
+#include "src/core/clock.h"
+
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+#include <poll.h>
+
+#include <algorithm>
+#include <thread>
+
+#include "src/core/interrupt.h"
+
+namespace turntable {
+namespace {
+
+using std::chrono::milliseconds;
+
+// A wait is cut into slices so that an urgent stop is seen soon whichever thread got the signal.
+constexpr milliseconds kSlice{20};
+
+bool readable(int fd, milliseconds wait) {
+  pollfd p{fd, POLLIN, 0};
+  return fd >= 0 && ::poll(&p, 1, static_cast<int>(wait.count())) > 0;
+}
+
+}  // namespace
+
+SystemClock::SystemClock() : start_(std::chrono::steady_clock::now()) {}
+
+Time SystemClock::now() const { return std::chrono::steady_clock::now() - start_; }
+
+bool SystemClock::wait_readable(int fd, Time deadline) {
+  for (;;) {
+    const Time left = deadline - now();
+    const auto slice = std::clamp(std::chrono::ceil<milliseconds>(left), milliseconds{0}, kSlice);
+    if (readable(fd, slice)) return true;
+    if (left <= Time{0}) return false;
+    throw_if_stopping_now();
+  }
+}
+
+void SystemClock::sleep_until(Time deadline) {
+  while (now() < deadline) {
+    std::this_thread::sleep_for(std::min<Time>(deadline - now(), kSlice));
+    throw_if_stopping_now();
+  }
+}
+
+Time ManualClock::now() const {
+  const std::lock_guard lock(mutex_);
+  return now_;
+}
+
+void ManualClock::settle() {
+  std::vector<pollfd> watched;
+  for (bool busy = true; busy;) {
+    busy = false;
+    watched.clear();
+    for (const Actor* actor : actors_) watched.push_back({actor->descriptor(), POLLIN, 0});
+    ::poll(watched.data(), watched.size(), 0);
+    for (std::size_t i = 0; i < actors_.size(); ++i) {
+      const auto due = actors_[i]->next_due();
+      if ((watched[i].revents & POLLIN) == 0 && !(due && *due <= now_)) continue;
+      actors_[i]->act(now_);
+      busy = true;
+    }
+  }
+}
+
+bool ManualClock::wait_readable(int fd, Time deadline) {
+  const std::lock_guard lock(mutex_);
+  for (;;) {
+    settle();
+    if (readable(fd, milliseconds{0})) return true;
+    if (now_ >= deadline) return false;
+    throw_if_stopping_now();
+    Time next = deadline;
+    for (const Actor* actor : actors_)
+      if (const auto due = actor->next_due()) next = std::min(next, std::max(*due, now_));
+    now_ = next;
+  }
+}
+
+void ManualClock::sleep_until(Time deadline) { wait_readable(-1, deadline); }
+
+void ManualClock::attach(Actor& actor) {
+  const std::lock_guard lock(mutex_);
+  actors_.push_back(&actor);
+}
+
+void ManualClock::detach(Actor& actor) {
+  const std::lock_guard lock(mutex_);
+  std::erase(actors_, &actor);
+}
+
+void serve(SystemClock& clock, const std::vector<Actor*>& actors) {
+  while (interrupt_level() == 0) {
+    std::vector<pollfd> watched;
+    Time next = clock.now() + kSlice;
+    for (const Actor* actor : actors) {
+      watched.push_back({actor->descriptor(), POLLIN, 0});
+      if (const auto due = actor->next_due()) next = std::min(next, *due);
+    }
+    const auto wait = std::chrono::ceil<milliseconds>(std::max(next - clock.now(), Time{0}));
+    ::poll(watched.data(), watched.size(), static_cast<int>(wait.count()));
+    const std::vector<Actor*> present = actors;  // acting may add to the list
+    for (std::size_t i = 0; i < present.size(); ++i) {
+      const auto due = present[i]->next_due();
+      if (watched[i].revents != 0 || (due && *due <= clock.now())) present[i]->act(clock.now());
+    }
+  }
+}
+
+std::string utc_now() {
+  const auto now = std::chrono::system_clock::now();
+  const auto ms = std::chrono::duration_cast<milliseconds>(now.time_since_epoch()).count() % 1000;
+  return fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z",
+                     fmt::gmtime(std::chrono::system_clock::to_time_t(now)), ms);
+}
+
+std::string utc_now_compact() {
+  return fmt::format("{:%Y%m%dT%H%M%SZ}", fmt::gmtime(std::chrono::system_clock::to_time_t(
+                                              std::chrono::system_clock::now())));
+}
+
+}  // namespace turntable

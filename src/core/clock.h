@@ -1,0 +1,85 @@
+// Time as a parameter. `SystemClock` is the wall; `ManualClock` lets hours of simulated motion pass in
+// seconds, the same way every time, because it owns both the time and whoever lives at the other end of
+// the lines: while somebody waits, it lets those actors answer, and advances to the next thing that happens.
+#pragma once
+
+#include <chrono>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace turntable {
+
+/// Time since the clock's own start.
+using Time = std::chrono::nanoseconds;
+
+constexpr double seconds(Time t) { return std::chrono::duration<double>(t).count(); }
+constexpr Time from_seconds(double s) {
+  return std::chrono::duration_cast<Time>(std::chrono::duration<double>(s));
+}
+
+class Clock {
+ public:
+  virtual ~Clock() = default;
+  virtual Time now() const = 0;
+  /// Waits until `fd` has bytes (or its peer is gone: reading then says so) or `deadline` passes.
+  /// @return true if a read would not block.
+  virtual bool wait_readable(int fd, Time deadline) = 0;
+  virtual void sleep_until(Time deadline) = 0;
+  void sleep_for(Time duration) { sleep_until(now() + duration); }
+};
+
+/// Monotonic wall time. Waits end early when an interrupt at level 2 arrives (core/interrupt.h).
+class SystemClock final : public Clock {
+ public:
+  SystemClock();
+  Time now() const override;
+  bool wait_readable(int fd, Time deadline) override;
+  void sleep_until(Time deadline) override;
+
+ private:
+  std::chrono::steady_clock::time_point start_;
+};
+
+/// Somebody at the far end of a descriptor: a simulated device, a listening socket.
+class Actor {
+ public:
+  virtual ~Actor() = default;
+  /// Descriptor to watch; -1 for none.
+  virtual int descriptor() const = 0;
+  /// When the actor next has something to do by itself; nothing if it only answers.
+  virtual std::optional<Time> next_due() const = 0;
+  /// Reads what has arrived and does what is due. Must not block.
+  virtual void act(Time now) = 0;
+};
+
+/// Virtual time, owned by the waiting side. Safe to call from several threads; actors run one at a time.
+class ManualClock final : public Clock {
+ public:
+  Time now() const override;
+  bool wait_readable(int fd, Time deadline) override;
+  void sleep_until(Time deadline) override;
+
+  /// The actor must outlive the clock or be detached.
+  void attach(Actor& actor);
+  void detach(Actor& actor);
+
+ private:
+  void settle();  ///< lets every actor answer until all are quiet at the present time
+
+  mutable std::recursive_mutex mutex_;
+  Time now_{0};
+  std::vector<Actor*> actors_;
+};
+
+/// Runs actors in real time until an interrupt: the same simulators, for people (`turntable simulate`).
+/// `actors` is read afresh on every turn, so an actor may add or remove others.
+void serve(SystemClock& clock, const std::vector<Actor*>& actors);
+
+/// Wall-clock UTC, ISO 8601 with milliseconds: "2026-01-31T12:00:00.000Z".
+std::string utc_now();
+/// The same for file names: "20260131T120000Z".
+std::string utc_now_compact();
+
+}  // namespace turntable

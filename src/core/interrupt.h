@@ -1,0 +1,26 @@
+// Ctrl-C and SIGTERM, as a level that everybody who waits looks at.
+#pragma once
+
+namespace turntable {
+
+/// 0: carry on. 1 (first Ctrl-C): finish this pose, then end. 2 (second Ctrl-C, SIGTERM, SIGHUP): stop the axes now.
+int interrupt_level();
+/// Raises the level by one for SIGINT and to 2 for SIGTERM and SIGHUP; ignores SIGPIPE. A third Ctrl-C kills.
+void install_interrupt_handlers();
+/// For tests, and for ending `serve`.
+void set_interrupt_level(int level);
+/// @throws Interrupted at level 1 and above; called between poses.
+void throw_if_interrupted();
+/// @throws Interrupted at level 2 and above; called wherever the program waits, unless shielded.
+void throw_if_stopping_now();
+
+/// While alive on this thread, waits are not interrupted: the way out has to talk to the devices.
+class InterruptShield {
+ public:
+  InterruptShield();
+  ~InterruptShield();
+  InterruptShield(const InterruptShield&) = delete;
+  InterruptShield& operator=(const InterruptShield&) = delete;
+};
+
+}  // namespace turntable

@@ -1,0 +1,42 @@
+// The rig: named axes and a camera. A plain struct; what it is made of (real or simulated devices, the
+// lines between them) stays alive in `owned` and is nobody else's business.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "src/core/axis.h"
+#include "src/core/camera.h"
+#include "src/core/clock.h"
+#include "src/core/rig_file.h"
+
+namespace turntable {
+
+struct Rig {
+  Clock* clock = nullptr;
+  Axis<Millimetres>* stage = nullptr;
+  Axis<Degrees>* yaw = nullptr;
+  Axis<Degrees>* roll = nullptr;
+  Axis<Degrees>* pitch = nullptr;
+  Camera* camera = nullptr;
+  bool simulated = false;
+  /// Puts a payload on the table: a person on a real rig, the world on a simulated one. Throws if refused.
+  std::function<void(Payload)> mount;
+  /// One line per device: what it says it is.
+  std::vector<std::string> identities;
+
+  std::vector<std::shared_ptr<void>> owned;  ///< destroyed last to first
+
+  Rig() = default;
+  Rig(Rig&&) = default;
+  Rig& operator=(Rig&&) = delete;
+  Rig(const Rig&) = delete;
+  Rig& operator=(const Rig&) = delete;
+  ~Rig() {
+    while (!owned.empty()) owned.pop_back();
+  }
+};
+
+}  // namespace turntable

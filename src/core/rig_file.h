@@ -1,0 +1,177 @@
+// What a rig file says (scenarios/README.md lists every field with its unit), defaults filled in from the
+// stage table. Lengths mm, angles deg, times s, as in the file.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "src/core/image.h"
+#include "src/core/json_document.h"
+#include "src/core/stage_spec.h"
+
+namespace turntable {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+enum class AxisId { kStage, kYaw, kRoll, kPitch };
+constexpr std::array kAllAxes{AxisId::kStage, AxisId::kYaw, AxisId::kRoll, AxisId::kPitch};
+constexpr std::array kRotaryAxes{AxisId::kYaw, AxisId::kRoll, AxisId::kPitch};
+std::string_view axis_name(AxisId axis);
+/// @throws std::out_of_range; schema-checked names never do.
+AxisId axis_from_name(std::string_view name);
+std::string_view axis_unit(AxisId axis);  ///< "mm" or "deg"
+
+enum class Payload { kCirclePattern, kLedTarget };
+std::string_view payload_name(Payload payload);
+
+struct LineConfig {
+  enum class Kind { kSimulated, kSerial, kTcp } kind = Kind::kSimulated;
+  std::string serial_port;
+  int baud = 19200;
+  std::string host;
+  std::uint16_t tcp_port = 0;
+};
+
+struct ControllerConfig {
+  std::string name;   ///< key in the rig file
+  std::string model;  ///< row of the controller catalogue
+  LineConfig line;
+  double reply_timeout_s = 1.0;
+};
+
+/// Units of the axis: mm or deg, per second.
+struct AxisConfig {
+  AxisId id{};
+  std::string controller;
+  std::string channel;
+  std::string stage_model;
+  StageKind kind{};
+  double steps_per_rev{}, drive_ratio{}, lead_mm{};
+  double lower{}, upper{};  ///< soft limits; the overshoot has to stay inside too
+  double initial_speed{}, speed{}, acceleration{}, home_speed{};
+  double repeatability{};
+  double backlash{};   ///< overshoot of the one-sided approach; sign = final direction; 0 = none
+  double tolerance{};  ///< in-position window, half width
+  double settle_s{};   ///< time inside the window before a move counts as ended
+  int retries{};
+
+  std::string_view unit() const { return axis_unit(id); }
+  double per_step() const {
+    return kind == StageKind::kRotary ? 360.0 / (drive_ratio * steps_per_rev) : lead_mm / steps_per_rev;
+  }
+};
+
+struct CameraConfig {
+  std::string model;
+  ImageSize image_size;
+  double frame_timeout_s = 2.0;
+  int retries = 2;
+  /// Nominal geometry (drawings): used to predict the field of view and nothing else.
+  double nominal_focal_px{};
+  double nominal_height_mm{};  ///< camera above the base plane (z of its centre in the plane frame)
+};
+
+struct GimbalConfig {
+  std::array<AxisId, 3> order_base_outwards{AxisId::kYaw, AxisId::kRoll, AxisId::kPitch};
+  /// Unit vectors in the plane frame at zero angles, by order of kRotaryAxes (yaw, roll, pitch).
+  std::array<Vector3d, 3> axes;
+  Vector3d centre_at_stage_zero_mm = Vector3d::Zero();  ///< plane frame
+};
+
+/// Lattice positions are (column, row) relative to the origin circle, x = column * spacing, y = row * spacing.
+struct PatternConfig {
+  int columns{}, rows{};
+  int origin_column{}, origin_row{};  ///< of the origin circle, counted from the corner with the least x and y
+  double spacing_mm{}, radius_mm{}, direction_radius_mm{};
+  std::vector<std::array<int, 2>> direction_circles;  ///< four (column, row) relative to the origin circle
+  bool bright = true;                                  ///< bright circles on a dark ground
+  Vector3d offset_mm = Vector3d::Zero();               ///< origin circle from the gimbal centre at zero angles
+};
+
+struct TargetConfig {
+  std::vector<Vector3d> points_mm;  ///< target frame, origin at M0
+  double led_radius_mm{};
+  Vector3d offset_mm = Vector3d::Zero();  ///< M0 from the gimbal centre at zero angles
+};
+
+/// A thin-walled lens that no camera model under test contains exactly: radial polynomial, decentring,
+/// a tilted sensor and an entrance pupil that walks along the axis with the field angle.
+struct LensTruth {
+  double focal_px{};
+  Vector2d principal_point_px = Vector2d::Zero();
+  std::array<double, 3> radial{};      ///< k1, k2, k3 of tan(theta)^2, ^4, ^6
+  std::array<double, 2> decentring{};  ///< p1, p2
+  Vector2d sensor_tilt_deg = Vector2d::Zero();
+  double pupil_walk_mm_per_rad2{};
+};
+
+/// What is true of the simulated axis and unknown to the controller. Units of the axis.
+struct AxisTruth {
+  double repeatability{};      ///< two standard deviations of the random part of each arrival
+  double backlash{};           ///< lost motion when the direction of approach changes
+  double worm_amplitude{};     ///< periodic error, once per worm (motor) revolution
+  double home_offset{};        ///< where the axis stands at power-up, from the reference
+};
+
+struct ImageTruth {
+  double background_grey{}, led_peak_grey{};
+  double circle_dark_grey{}, circle_bright_grey{};
+  double blur_px{};                 ///< standard deviation of the point spread
+  double read_noise_grey{};
+  double electrons_per_grey{};      ///< shot noise; 0 = none
+};
+
+struct SimulationConfig {
+  std::uint64_t seed{};
+  LensTruth lens;
+  Vector3d camera_position_mm = Vector3d::Zero();       ///< plane frame
+  Vector3d camera_rotation_deg = Vector3d::Zero();      ///< rotation vector, from looking straight down -z
+  Vector2d stage_squareness_deg = Vector2d::Zero();     ///< lean of the travel towards x and y
+  Vector3d plane_from_gimbal_deg = Vector3d::Zero();    ///< rotation vector: gimbal axes against the plane frame
+  Vector3d table_from_target_deg = Vector3d::Zero();    ///< rotation vector: target against the table
+  std::vector<Vector3d> target_errors_mm;               ///< real minus drawn LED positions
+  Vector3d target_offset_error_mm = Vector3d::Zero();
+  std::map<AxisId, AxisTruth> axes;
+  ImageTruth image;
+};
+
+struct CalibrationSource {
+  std::filesystem::path file;   ///< a finished calibration
+  std::filesystem::path sweep;  ///< or the scenario that makes one
+};
+
+struct RigFile {
+  std::string file;  ///< as named in messages
+  std::string name;
+  std::string title;
+  std::vector<ControllerConfig> controllers;
+  std::map<AxisId, AxisConfig> axes;
+  CameraConfig camera;
+  GimbalConfig gimbal;
+  PatternConfig pattern;
+  TargetConfig target;
+  CalibrationSource calibration;
+  std::optional<SimulationConfig> simulation;
+  std::string source;  ///< the text it was read from, for provenance
+
+  const ControllerConfig& controller(const std::string& name) const;
+  const AxisConfig& axis(AxisId id) const { return axes.at(id); }
+  /// True if any device of the rig is simulated.
+  bool simulated() const;
+};
+
+/// @throws ConfigError: schema, unknown stage or controller name, limits outside the stage's travel, two axes
+/// on one channel, fewer than four or coplanar target points, direction circles off the pattern, and the like.
+RigFile load_rig_file(const std::filesystem::path& file);
+/// The same from text (a frozen copy in a run folder). Relative paths are taken from `folder`.
+RigFile parse_rig_file(const std::string& text, const std::string& name,
+                       const std::filesystem::path& folder);
+
+}  // namespace turntable
