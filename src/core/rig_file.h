@@ -21,8 +21,8 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 enum class AxisId { kStage, kYaw, kRoll, kPitch };
-constexpr std::array kAllAxes{AxisId::kStage, AxisId::kYaw, AxisId::kRoll, AxisId::kPitch};
-constexpr std::array kRotaryAxes{AxisId::kYaw, AxisId::kRoll, AxisId::kPitch};
+inline constexpr std::array kAllAxes{AxisId::kStage, AxisId::kYaw, AxisId::kRoll, AxisId::kPitch};
+inline constexpr std::array kRotaryAxes{AxisId::kYaw, AxisId::kRoll, AxisId::kPitch};
 std::string_view axis_name(AxisId axis);
 /// @throws std::out_of_range; schema-checked names never do.
 AxisId axis_from_name(std::string_view name);
@@ -70,6 +70,7 @@ struct AxisConfig {
 
 struct CameraConfig {
   std::string model;
+  std::filesystem::path folder;  ///< of camera model "folder"
   ImageSize image_size;
   double frame_timeout_s = 2.0;
   int retries = 2;

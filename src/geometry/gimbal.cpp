@@ -1,6 +1,5 @@
 #include "src/geometry/gimbal.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
@@ -9,15 +8,21 @@ namespace turntable {
 
 double& GimbalAngles::operator[](AxisId axis) {
   switch (axis) {
-    case AxisId::kYaw: return yaw;
-    case AxisId::kRoll: return roll;
-    case AxisId::kPitch: return pitch;
-    case AxisId::kStage: break;
+    case AxisId::kYaw:
+      return yaw;
+    case AxisId::kRoll:
+      return roll;
+    case AxisId::kPitch:
+      return pitch;
+    case AxisId::kStage:
+      break;
   }
   throw std::out_of_range("the stage has no angle");
 }
 
-double GimbalAngles::operator[](AxisId axis) const { return const_cast<GimbalAngles&>(*this)[axis]; }
+double GimbalAngles::operator[](AxisId axis) const {
+  return const_cast<GimbalAngles&>(*this)[axis];
+}
 
 Gimbal::Gimbal(const GimbalConfig& config)
     : order_(config.order_base_outwards), centre_at_zero_(config.centre_at_stage_zero_mm) {
@@ -39,7 +44,7 @@ Matrix3d Gimbal::rotation(const GimbalAngles& angles) const {
 }
 
 GimbalAngles Gimbal::angles(const Matrix3d& R) const {
-  // In the basis B = [a1 a2 h a3] (right-handed) the product is R1(t1) R2(t2) R3(h t3) about x, y, z:
+  // In the right-handed basis B = [a1 a2 h a3] the product is R1(t1) R2(t2) R3(h t3) about x, y, z:
   //   [ c2 c3          -c2 s3          s2    ]
   //   [ ...             ...           -s1 c2 ]
   //   [ ...             ...            c1 c2 ]

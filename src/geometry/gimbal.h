@@ -1,6 +1,8 @@
 // Three rotary axes, one carrying the next.
-//   R_gimbal = R_1(angle_1) R_2(angle_2) R_3(angle_3), from the base outwards   (default: yaw, roll, pitch)
-// Golden numbers: gimbal.json. Angles are decomposed in the same order; the middle angle lies in [-90, 90] deg.
+//   R_gimbal = R_1(angle_1) R_2(angle_2) R_3(angle_3)
+// from the base outwards (default: yaw, roll, pitch).
+// Golden numbers: gimbal.json. Angles are decomposed in the same order; the middle angle lies in
+// [-90, 90] deg.
 #pragma once
 
 #include "src/core/rig_file.h"
@@ -20,12 +22,14 @@ struct GimbalAngles {
 
 class Gimbal {
  public:
-  /// Unit axes at zero angles and their order. Decomposition needs orthogonal axes. @throws std::invalid_argument if not.
+  /// Unit axes at zero angles and their order. Decomposition needs orthogonal axes.
+  /// @throws std::invalid_argument if they are not.
   explicit Gimbal(const GimbalConfig& config);
 
   /// R_gimbal: table at zero angles -> table at `angles`, in the plane frame.
   Matrix3d rotation(const GimbalAngles& angles) const;
-  /// The angles that make R. At the singularity (middle angle +-90 deg) the innermost angle is set to 0.
+  /// The angles that make R. At the singularity (middle angle +-90 deg) the innermost angle is set
+  /// to 0.
   GimbalAngles angles(const Matrix3d& R) const;
   /// Gimbal centre in the plane frame with the stage at `stage_mm`.
   Vector3d centre_mm(double stage_mm) const { return centre_at_zero_ + Vector3d(0, 0, stage_mm); }

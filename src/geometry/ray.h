@@ -1,5 +1,5 @@
-// Rays of the imaging ray-tracking model: a pixel sees one point on each of two planes z = a and z = b of the
-// plane frame, and the ray is the line through the two.
+// Rays of the imaging ray-tracking model: a pixel sees one point on each of two planes z = a and z
+// = b of the plane frame, and the ray is the line through the two.
 #pragma once
 
 #include <algorithm>
@@ -21,7 +21,9 @@ struct Ray {
   Vector2d at_b = Vector2d::Zero();
 
   /// d(x, y)/dz, dimensionless.
-  Vector2d slope(const RayPlanes& planes) const { return (at_b - at_a) / (planes.b_mm - planes.a_mm); }
+  Vector2d slope(const RayPlanes& planes) const {
+    return (at_b - at_a) / (planes.b_mm - planes.a_mm);
+  }
   /// (x, y) at height z, mm.
   Vector2d at(double z_mm, const RayPlanes& planes) const {
     return at_a + slope(planes) * (z_mm - planes.a_mm);

@@ -1,9 +1,9 @@
 #include "src/geometry/rotation.h"
 
-#include <Eigen/Geometry>
 #include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 namespace turntable {
 
@@ -23,6 +23,21 @@ Matrix3d nearest_rotation(const Matrix3d& M) {
   Vector3d sign = Vector3d::Ones();
   if (svd.matrixU().determinant() * svd.matrixV().determinant() < 0.0) sign.z() = -1.0;
   return svd.matrixU() * sign.asDiagonal() * svd.matrixV().transpose();
+}
+
+Matrix3d nearest_rotation_from_rows(const Vector3d& i, const Vector3d& j) {
+  // Polar factor (M M^T)^-1/2 M in closed form: M M^T has the eigenvectors (1, +-1, 0) and (0, 0,
+  // 1), and i + j and i - j are perpendicular because i and j have the same length.
+  const Vector3d sum = (i + j) / (i + j).norm();
+  // Nearly parallel rows: i - j is all rounding along i + j, which is taken out.
+  Vector3d difference = i - j;
+  difference -= sum * sum.dot(difference);
+  difference /= difference.norm();
+  const Vector3d i_out = std::numbers::sqrt2 / 2.0 * (sum + difference);
+  const Vector3d j_out = std::numbers::sqrt2 / 2.0 * (sum - difference);
+  Matrix3d R;
+  R << i_out.transpose(), j_out.transpose(), i_out.cross(j_out).transpose();
+  return R;
 }
 
 double geodesic_angle(const Matrix3d& R_a, const Matrix3d& R_b) {

@@ -1,0 +1,65 @@
+#include "drivers/camera_folder.h"
+
+#include <fmt/format.h>
+
+#include "src/core/errors.h"
+
+namespace turntable {
+namespace {
+
+constexpr double kPollS = 0.02;
+
+}  // namespace
+
+FolderCamera::FolderCamera(Clock& clock, std::filesystem::path folder, ImageSize size, double frame_timeout_s,
+                           Loader load)
+    : clock_(clock),
+      folder_(std::move(folder)),
+      size_(size),
+      frame_timeout_s_(frame_timeout_s),
+      load_(std::move(load)) {
+  if (!std::filesystem::is_directory(folder_))
+    throw ConfigError(folder_.string(), "", "is not a folder. Name the folder that the camera's images go to.");
+}
+
+std::string FolderCamera::identity() const { return "images from folder " + folder_.string(); }
+
+std::filesystem::path FolderCamera::next_file() const {
+  std::filesystem::path first;
+  for (const auto& entry : std::filesystem::directory_iterator(folder_)) {
+    if (entry.path().extension() != ".png" || returned_.contains(entry.path())) continue;
+    if (first.empty() || entry.path() < first) first = entry.path();
+  }
+  return first;
+}
+
+Frame FolderCamera::trigger() {
+  Frame frame;
+  frame.timestamp = clock_.now();
+  const Time deadline = clock_.now() + from_seconds(frame_timeout_s_);
+  std::uintmax_t last_size = 0;
+  std::filesystem::path last;
+  for (;;) {
+    const std::filesystem::path file = next_file();
+    if (!file.empty()) {
+      const std::uintmax_t size = std::filesystem::file_size(file);
+      if (file == last && size == last_size && size > 0) break;  // two looks, the same size: written
+      last = file;
+      last_size = size;
+    }
+    if (clock_.now() >= deadline)
+      throw TimeoutError(fmt::format("camera: no new .png in {} within {:.1f} s of the trigger. Check the camera's "
+                                     "software and its folder.",
+                                     folder_.string(), frame_timeout_s_));
+    clock_.sleep_for(from_seconds(kPollS));
+  }
+  returned_.insert(last);
+  frame.image = load_(last);
+  if (frame.image.size() != size_)
+    throw ConfigError(last.string(), "", fmt::format("found {} x {} px, allowed: {} x {} px as the rig file says.",
+                                                     frame.image.width, frame.image.height, size_.width, size_.height));
+  frame.id = next_id_++;
+  return frame;
+}
+
+}  // namespace turntable

@@ -1,0 +1,28 @@
+// Controllers by model name. A new one is a file pair beside this and one row here; its simulator
+// is the same in drivers/sim, and a test asserts that the two tables agree.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <string_view>
+
+#include "drivers/controller.h"
+
+namespace turntable {
+
+struct ControllerModel {
+  std::string_view model;
+  int default_baud;
+  std::unique_ptr<Controller> (*open)(ControllerSetup);  ///< talks to nobody yet
+};
+
+std::span<const ControllerModel> controller_models();
+
+/// @throws ConfigError for an unknown model or channel.
+std::unique_ptr<Controller> open_controller(ControllerSetup setup);
+
+/// Opens a serial or TCP line (a simulated one has two ends: `line_pair`). @throws LineError,
+/// TimeoutError.
+Line open_line(const LineConfig& config);
+
+}  // namespace turntable

@@ -1,0 +1,44 @@
+// A motion controller: one line, one or more axes.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "protocols/line.h"
+#include "src/core/axis.h"
+#include "src/core/clock.h"
+#include "src/core/rig_file.h"
+
+namespace turntable {
+
+class Controller {
+ public:
+  virtual ~Controller() = default;
+  /// What the device says it is, and where it was found.
+  virtual std::string identity() const = 0;
+  /// Finds out who is there and how it is set up; changes nothing and moves nothing. Differences
+  /// from the rig file do not throw: they block motion (every start and home throws DeviceError)
+  /// until `configure`.
+  /// @return one line per difference: command, wanted, found. @throws TimeoutError, ProtocolError,
+  /// DeviceError, LineError.
+  virtual std::vector<std::string> connect() = 0;
+  /// Writes the set-up of the rig file and verifies it by reading it back. Moves nothing.
+  /// @throws DeviceError if the controller keeps another value.
+  virtual void configure() = 0;
+  /// nullptr if the axis is not on this controller or has the other unit.
+  virtual Axis<Millimetres>* linear_axis(AxisId id) = 0;
+  virtual Axis<Degrees>* rotary_axis(AxisId id) = 0;
+  /// Stops every axis, all commands first, then verifies. Any thread, any state. The first error is
+  /// thrown after all have been tried.
+  virtual void stop_all() = 0;
+};
+
+/// What a controller is opened with.
+struct ControllerSetup {
+  ControllerConfig controller;
+  std::vector<AxisConfig> axes;  ///< those on this controller
+  Line line;
+  Clock* clock;
+};
+
+}  // namespace turntable

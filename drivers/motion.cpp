@@ -1,0 +1,530 @@
+#include "drivers/motion.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "src/core/errors.h"
+#include "src/core/interrupt.h"
+#include "src/core/stage_spec.h"
+
+namespace turntable {
+namespace {
+
+/// A stop came from elsewhere: the move has ended, but nothing is wrong with the axis.
+class Stopped : public DeviceError {
+ public:
+  using DeviceError::DeviceError;
+};
+
+// Room for the time that a read takes on the line, and for positions shown with fewer digits than a
+// pulse needs.
+constexpr double kLatency_s = 0.1;
+constexpr double kSlackPulses = 10;
+constexpr int kOddReads = 3;  // a late answer to an earlier question looks odd once
+constexpr double kHaltPoll_s = 0.02;
+constexpr double kHalted_s = 0.05;
+
+}  // namespace
+
+template <class Q>
+MotionAxis<Q>::MotionAxis(const AxisConfig& config, AxisPort<Q>& port, Clock& clock,
+                          MotionTiming timing)
+    : config_(config),
+      name_(axis_name(config.id)),
+      port_(&port),
+      clock_(&clock),
+      timing_(timing),
+      scale_{{config.per_step()}} {
+  config_.tolerance = std::max(config_.tolerance, 0.5 * config_.per_step());
+}
+
+// ---- what may be asked, and how long it takes
+
+template <class Q>
+std::string MotionAxis<Q>::shown(Q q) const {
+  return fmt::format("{:.6g} {}", q.value, Q::unit());
+}
+
+template <class Q>
+void MotionAxis<Q>::check(Q target) const {
+  constexpr double kRounding = 1e-9;
+  const double b = config_.backlash;
+  const double lower = config_.lower + std::max(b, 0.0);
+  const double upper = config_.upper + std::min(b, 0.0);
+  if (target.value >= lower - kRounding && target.value <= upper + kRounding)
+    return;  // false for NaN
+  const std::string room =
+      b == 0.0 ? std::string()
+               : fmt::format(
+                     " (limits [{:g}, {:g}] less the overshoot of {:g} for the one-sided approach)",
+                     config_.lower, config_.upper, std::abs(b));
+  throw LimitError(
+      fmt::format("axis {}: asked for {}, allowed [{:g}, {:g}] {}{}. Nothing was sent. Ask for "
+                  "less, or widen the limits "
+                  "in the rig file if the stage allows it.",
+                  name_, shown(target), lower, upper, Q::unit(), room));
+}
+
+template <class Q>
+double MotionAxis<Q>::travel_seconds(double distance) const {
+  const double d = std::abs(distance);
+  const double v = config_.speed, a = config_.acceleration;
+  const double v0 = std::min(config_.initial_speed, v);
+  const double both_ramps = (v * v - v0 * v0) / a;
+  if (d >= both_ramps) return 2 * (v - v0) / a + (d - both_ramps) / v;
+  return 2 * (std::sqrt(v0 * v0 + a * d) - v0) / a;
+}
+
+template <class Q>
+bool MotionAxis<Q>::goes_direct(Q from, Q goal) const {
+  const double way = (goal - from).value * direction();
+  return config_.backlash == 0.0 || (way >= 0 && way <= std::abs(config_.backlash));
+}
+
+template <class Q>
+double MotionAxis<Q>::move_seconds(Q from, Q to) const {
+  if (same_pulse(from, to)) return 0.0;
+  if (goes_direct(from, to)) return travel_seconds((to - from).value);
+  return travel_seconds((to - from).value - config_.backlash) + travel_seconds(config_.backlash);
+}
+
+template <class Q>
+double MotionAxis<Q>::deadline_seconds(Q distance) const {
+  return 1.2 * travel_seconds(distance.value) + timing_.margin + timing_.reply_timeout;
+}
+
+template <class Q>
+double MotionAxis<Q>::home_deadline_seconds() const {
+  double span = config_.upper - config_.lower;
+  if (const StageSpec* spec = find_stage_spec(config_.stage_model))
+    span = std::max(span, spec->travel_upper - spec->travel_lower);
+  // Across all the stage once, and slowly back to the switch.
+  const double slow = std::min(config_.initial_speed, config_.home_speed);
+  return 1.2 * span / config_.home_speed + config_.home_speed / slow + 5 * timing_.margin;
+}
+
+template <class Q>
+double MotionAxis<Q>::stall_seconds() const {
+  const double slowest = std::min(config_.initial_speed, config_.speed);
+  return timing_.stall + 3 * timing_.poll + (slowest > 0 ? 2 * config_.per_step() / slowest : 0.0);
+}
+
+/// The grid must not lead outside a limit that the controller enforces too.
+template <class Q>
+Q MotionAxis<Q>::goal_on_grid(Q target) const {
+  Steps steps = scale_.to_steps(target);
+  if (scale_.from_steps(steps).value > config_.upper) --steps.count;
+  if (scale_.from_steps(steps).value < config_.lower) ++steps.count;
+  return scale_.from_steps(steps);
+}
+
+// ---- guards
+
+template <class Q>
+void MotionAxis<Q>::throw_if_stopped(unsigned generation) const {
+  if (stops_ != generation)
+    throw Stopped(fmt::format("axis {}: the motion was stopped before its end", name_));
+}
+
+template <class Q>
+void MotionAxis<Q>::lose_reference() {
+  const auto lock = port_->lock();
+  homed_ = false;
+  phase_ = Phase::kIdle;
+  left_at_.reset();
+  approach_known_ = false;
+}
+
+/// After any trouble nobody knows any more where the axis stands. A stop or an interrupt is no
+/// trouble.
+template <class Q>
+template <class F>
+auto MotionAxis<Q>::guarded(F&& action) {
+  try {
+    return action();
+  } catch (const Stopped&) {
+    throw;
+  } catch (const Interrupted&) {
+    throw;
+  } catch (...) {
+    lose_reference();
+    throw;
+  }
+}
+
+template <class Q>
+Q MotionAxis<Q>::read_position() {
+  const Time deadline = clock_->now() + from_seconds(3 * timing_.reply_timeout + timing_.margin);
+  for (;;) {
+    if (const auto status = port_->status(deadline); status.position) return *status.position;
+    if (clock_->now() >= deadline)
+      throw TimeoutError(
+          fmt::format("axis {}: the controller does not say where it stands", name_));
+    clock_->sleep_for(from_seconds(timing_.poll));
+  }
+}
+
+template <class Q>
+Q MotionAxis<Q>::position() {
+  return guarded([&] { return read_position(); });
+}
+
+// ---- moving
+
+template <class Q>
+void MotionAxis<Q>::start(Q target) {
+  const unsigned generation = stops_;
+  check(target);
+  port_->require_ready();
+  if (!homed_)
+    throw DeviceError(
+        fmt::format("axis {}: not homed, so {} cannot be found. Home it first; a reference is lost "
+                    "by a power cycle, a "
+                    "timeout or any error while moving.",
+                    name_, shown(target)));
+  {
+    const auto lock = port_->lock();
+    if (phase_ != Phase::kIdle && phase_ != Phase::kArrived)
+      throw DeviceError(
+          fmt::format("axis {}: asked for {} while still moving to {}. Wait or stop first.", name_,
+                      shown(target), shown(move_.goal)));
+  }
+  guarded([&] {
+    Q from = read_position();
+    for (int i = 1; i < kOddReads && left_at_ && !within(from, *left_at_); ++i) {
+      clock_->sleep_for(from_seconds(timing_.poll));
+      from = read_position();
+    }
+    const auto lock = port_->lock();
+    throw_if_stopped(generation);
+    if (left_at_ && !within(from, *left_at_))
+      throw DeviceError(
+          fmt::format("axis {}: was left at {} and now stands at {} without having been asked: the "
+                      "controller was reset or moved by hand. Home it again.",
+                      name_, shown(*left_at_), shown(from)));
+    arrival_ = {from, target};
+    move_ = {};
+    move_.goal = goal_on_grid(target);
+    move_.generation = generation;
+    if (same_pulse(from, move_.goal) && (approach_known_ || config_.backlash == 0.0)) {
+      phase_ = Phase::kArrived;
+      left_at_ = from;
+      return;
+    }
+    begin_approach(from);
+  });
+}
+
+template <class Q>
+void MotionAxis<Q>::begin_approach(Q from) {
+  // A short move in the final direction needs no overshoot, provided that the one before ended like
+  // that too.
+  const bool direct = goes_direct(from, move_.goal) && (approach_known_ || config_.backlash == 0.0);
+  approach_known_ = false;
+  if (direct) return begin_leg(from, move_.goal);
+  arrival_.overshot = true;
+  move_.via = goal_on_grid(move_.goal - Q{config_.backlash});
+  begin_leg(from, *move_.via);
+}
+
+template <class Q>
+void MotionAxis<Q>::begin_leg(Q from, Q to) {
+  const auto lock = port_->lock();  // held from the last look at the stop to the command
+  throw_if_stopped(move_.generation);
+  left_at_.reset();
+  phase_ = Phase::kMoving;
+  move_.leg_start = move_.last_position = from;
+  move_.leg_goal = to;
+  move_.leg_began = clock_->now();
+  move_.deadline = move_.leg_began + from_seconds(deadline_seconds(to - from));
+  move_.seen_ended = false;
+  move_.inside_since.reset();
+  move_.outside_since.reset();
+  move_.acknowledged =
+      same_pulse(from, to) ? Acknowledgement::kReceived : port_->start_move(from, to);
+  move_.last_change = clock_->now();
+  next_poll_ = clock_->now() + from_seconds(timing_.poll);
+}
+
+template <class Q>
+bool MotionAxis<Q>::advance() {
+  Time due{0};
+  unsigned generation = 0;
+  Time deadline{0};
+  {
+    const auto lock = port_->lock();
+    if (phase_ == Phase::kArrived) return true;
+    if (phase_ != Phase::kMoving && phase_ != Phase::kSettling)
+      throw Stopped(
+          fmt::format("axis {}: no move is under way: it was stopped, or never started", name_));
+    due = next_poll_;
+    generation = move_.generation;
+    deadline = move_.deadline;
+  }
+  throw_if_stopped(generation);
+  clock_->sleep_until(due);
+  return guarded([&] {
+    throw_if_stopped(generation);
+    const AxisStatus<Q> status = port_->status(deadline);
+    const auto lock = port_->lock();
+    throw_if_stopped(generation);
+    next_poll_ = clock_->now() + from_seconds(timing_.poll);
+    return carry_on(status);
+  });
+}
+
+template <class Q>
+bool MotionAxis<Q>::carry_on(const AxisStatus<Q>& status) {
+  const Time now = clock_->now();
+  if (status.position && !plausible(*status.position, now)) {
+    if (++move_.odd_reads < kOddReads) return false;
+    throw DeviceError(fmt::format(
+        "axis {}: stands at {} {:.2f} s after being sent from {} to {}, where it cannot "
+        "be: the controller was reset, or is set up differently. Home it again.",
+        name_, shown(*status.position), seconds(now - move_.leg_began), shown(move_.leg_start),
+        shown(move_.leg_goal)));
+  }
+  move_.odd_reads = 0;
+  if (phase_ == Phase::kMoving) {
+    if (!leg_ended(status, now)) return false;
+    const Q here = *status.position;
+    if (abs(here - move_.leg_goal).value > slack())
+      throw DeviceError(fmt::format(
+          "axis {}: ended at {} instead of {}: a limit switch, a stop button or a reset "
+          "of the controller. Find out which, then home it again.",
+          name_, shown(here), shown(move_.leg_goal)));
+    approach_known_ = (move_.leg_goal - move_.leg_start).value * config_.backlash >= 0;
+    if (move_.via) {
+      move_.via.reset();
+      begin_leg(here, move_.goal);
+      return false;
+    }
+    phase_ = Phase::kSettling;
+    move_.deadline = now + from_seconds(5 * config_.settle_s + timing_.margin);
+  }
+  if (now > move_.deadline)
+    throw TimeoutError(
+        fmt::format("axis {}: does not settle at {}: it keeps leaving the window of {:g} {}. Check "
+                    "for vibration.",
+                    name_, shown(move_.goal), config_.tolerance, Q::unit()));
+  return status.position && settled(*status.position, now);
+}
+
+/// How far off a place may be and still be that place: more than the window, less than trouble.
+template <class Q>
+double MotionAxis<Q>::slack() const {
+  return std::max(10 * config_.tolerance, kSlackPulses * config_.per_step());
+}
+
+/// Whether the move can have brought the axis there by now.
+template <class Q>
+bool MotionAxis<Q>::plausible(Q position, Time now) const {
+  if (phase_ == Phase::kSettling) return abs(position - move_.last_position).value <= slack();
+  const double gone = (position - move_.leg_start).value;
+  const double way = (move_.leg_goal - move_.leg_start).value;
+  const double possible =
+      1.1 * config_.speed * (seconds(now - move_.leg_began) + kLatency_s) + slack();
+  return gone >= std::min(way, 0.0) - slack() && gone <= std::max(way, 0.0) + slack() &&
+         std::abs(gone) <= possible;
+}
+
+template <class Q>
+bool MotionAxis<Q>::leg_ended(const AxisStatus<Q>& status, Time now) {
+  if (status.position) {
+    const Q here = *status.position;
+    const bool unchanged = same_pulse(here, move_.last_position);
+    if (!unchanged) {
+      move_.last_position = here;
+      move_.last_change = now;
+    }
+    const bool at_goal = within(here, move_.leg_goal);
+    // A controller's "ended" may be left over from the move before: believed where the axis is at
+    // its goal or stands still.
+    if (status.motion == Motion::kEnded) {
+      if (at_goal || (unchanged && move_.seen_ended)) return true;
+      move_.seen_ended = true;
+    }
+    // Where the controller cannot tell, standing still at the goal is the end; but a counter at 0
+    // may as well have been reset.
+    const bool could_be_reset = abs(move_.leg_goal).value <= slack();
+    if (status.motion == Motion::kUnknown && at_goal && !could_be_reset &&
+        now - move_.last_change >= from_seconds(2.5 * timing_.poll))
+      return true;
+    if (now - move_.last_change > from_seconds(stall_seconds()))
+      throw TimeoutError(fmt::format(
+          "axis {}: {} at {} on the way from {} to {}{}. Check for an obstacle, a limit switch, an "
+          "emergency stop or a reset, then home it again.",
+          name_, at_goal ? "stands still without being reported as arrived" : "stalled",
+          shown(here), shown(move_.leg_start), shown(move_.leg_goal),
+          move_.acknowledged == Acknowledgement::kReceived
+              ? ""
+              : "; the controller had not acknowledged the command, which was not sent again"));
+  }
+  if (now > move_.deadline)
+    throw TimeoutError(fmt::format(
+        "axis {}: did not reach {} within {:.1f} s; last seen at {}", name_, shown(move_.leg_goal),
+        seconds(move_.deadline - move_.leg_began), shown(move_.last_position)));
+  return false;
+}
+
+template <class Q>
+bool MotionAxis<Q>::settled(Q position, Time now) {
+  const Time settle = from_seconds(config_.settle_s);
+  const auto arrive = [&](bool missed) {
+    arrival_.position = position;
+    arrival_.missed = missed;
+    left_at_ = position;
+    phase_ = Phase::kArrived;
+    return true;
+  };
+  if (within(position, move_.goal)) {
+    move_.outside_since.reset();
+    if (!move_.inside_since) move_.inside_since = now;
+    if (now - *move_.inside_since >= settle) return arrive(false);
+    next_poll_ = std::min(next_poll_, *move_.inside_since + settle);
+    return false;
+  }
+  move_.inside_since.reset();
+  if (!move_.outside_since) move_.outside_since = now;
+  if (now - *move_.outside_since < settle) return false;
+  if (arrival_.retries >= config_.retries) return arrive(true);
+  ++arrival_.retries;
+  begin_approach(position);
+  return false;
+}
+
+template <class Q>
+Arrival<Q> MotionAxis<Q>::arrival() const {
+  const auto lock = port_->lock();
+  return arrival_;
+}
+
+// ---- homing
+
+template <class Q>
+void MotionAxis<Q>::home() {
+  const unsigned generation = stops_;
+  port_->require_ready();
+  {
+    const auto lock = port_->lock();
+    if (phase_ != Phase::kIdle && phase_ != Phase::kArrived)
+      throw DeviceError(
+          fmt::format("axis {}: asked to home while still moving. Wait or stop first.", name_));
+    homed_ = false;
+    left_at_.reset();
+    approach_known_ = false;
+    phase_ = Phase::kHoming;
+  }
+  try {
+    find_home(generation);
+  } catch (...) {
+    lose_reference();
+    throw;
+  }
+}
+
+template <class Q>
+void MotionAxis<Q>::find_home(unsigned generation) {
+  Q last = read_position();
+  const Time began = clock_->now();
+  const Time deadline = began + from_seconds(home_deadline_seconds());
+  {
+    const auto lock = port_->lock();
+    throw_if_stopped(generation);
+    port_->start_home();  // a lost acknowledgement shows in the positions
+  }
+  Time last_change = clock_->now();
+  bool seen_ended = false;
+  for (;;) {
+    clock_->sleep_for(from_seconds(timing_.poll));
+    throw_if_stopped(generation);
+    const AxisStatus<Q> status = port_->status(deadline);
+    const Time now = clock_->now();
+    if (status.position) {
+      const bool unchanged = same_pulse(*status.position, last);
+      if (!unchanged) {
+        last = *status.position;
+        last_change = now;
+      }
+      if (status.motion == Motion::kEnded && unchanged && seen_ended) break;
+      seen_ended = status.motion == Motion::kEnded;
+      // Without the controller's word, a counter at 0 is no proof: a reset leaves it there too.
+      if (now - last_change > from_seconds(stall_seconds()) && status.motion != Motion::kEnded)
+        throw TimeoutError(
+            fmt::format("axis {}: stands still at {} without being reported as homed. Check the "
+                        "home switch, and for an obstacle, an emergency stop or a reset; then home "
+                        "it again.",
+                        name_, shown(last)));
+    }
+    if (now > deadline)
+      throw TimeoutError(
+          fmt::format("axis {}: home not found within {:.0f} s. Check the home switch.", name_,
+                      seconds(deadline - began)));
+  }
+  if (!within(last, Q{0.0}))
+    throw DeviceError(
+        fmt::format("axis {}: homing ended at {}, expected 0. Check the home switch and the "
+                    "controller's origin.",
+                    name_, shown(last)));
+  const auto lock = port_->lock();
+  throw_if_stopped(generation);
+  phase_ = Phase::kIdle;
+  left_at_ = last;
+  homed_ = true;
+}
+
+// ---- stopping
+
+template <class Q>
+void MotionAxis<Q>::begin_stop() {
+  ++stops_;
+  const InterruptShield shield;
+  guarded([&] { port_->send_stop(false); });
+}
+
+template <class Q>
+void MotionAxis<Q>::finish_stop() {
+  const InterruptShield shield;
+  guarded([&] {
+    bool immediate = false;
+    Q last = read_position();
+    Time since = clock_->now();
+    const auto time_to_halt = [&] {
+      return clock_->now() + from_seconds(config_.speed / config_.acceleration + timing_.margin);
+    };
+    Time deadline = time_to_halt();
+    while (clock_->now() - since < from_seconds(kHalted_s)) {
+      clock_->sleep_for(from_seconds(kHaltPoll_s));
+      const Q here = read_position();
+      if (same_pulse(here, last)) continue;
+      last = here;
+      since = clock_->now();
+      if (since <= deadline) continue;
+      if (immediate)
+        throw DeviceError(fmt::format(
+            "axis {}: still moves (at {}) after being told to stop. USE THE EMERGENCY STOP.", name_,
+            shown(here)));
+      immediate = true;
+      port_->send_stop(true);
+      deadline = time_to_halt();
+    }
+    const auto lock = port_->lock();
+    if (phase_ == Phase::kHoming) homed_ = false;
+    phase_ = Phase::kIdle;
+    left_at_ = last;
+    approach_known_ = false;
+  });
+}
+
+template <class Q>
+void MotionAxis<Q>::stop() {
+  begin_stop();
+  finish_stop();
+}
+
+template class MotionAxis<Millimetres>;
+template class MotionAxis<Degrees>;
+
+}  // namespace turntable

@@ -1,0 +1,161 @@
+// The one motion loop, for every controller: a controller supplies a handful of hooks (`AxisPort`),
+// the rules of a move are here. In order: soft limits including the overshoot, before any byte
+// leaves; homed and configured, or nothing moves; one-sided approach; each command sent once; a
+// deadline from distance, speed and ramps, and a stall watchdog; in-position window held for the
+// settle time; retries, then a flagged miss.
+#pragma once
+
+#include <atomic>
+#include <mutex>
+#include <optional>
+#include <string>
+
+#include "src/core/axis.h"
+#include "src/core/clock.h"
+#include "src/core/rig_file.h"
+
+namespace turntable {
+
+enum class Motion { kMoving, kEnded, kUnknown };
+
+template <class Q>
+struct AxisStatus {
+  std::optional<Q> position;  ///< nothing while the controller cannot tell
+  Motion motion = Motion::kUnknown;
+};
+
+/// Whether the controller said that it took a motion command. `kLost`: no (clear) answer; it may be
+/// moving.
+enum class Acknowledgement { kReceived, kLost };
+
+/// What a controller's driver has to supply for one axis. No function retries a motion command.
+template <class Q>
+class AxisPort {
+ public:
+  virtual ~AxisPort() = default;
+  /// Serialises all that is said to the controller; the loop holds it from "may this still start?"
+  /// to the command, so that nothing starts after a stop.
+  virtual std::unique_lock<std::recursive_mutex> lock() = 0;
+  /// @throws DeviceError if motion is blocked: not connected, or the configuration differs.
+  virtual void require_ready() const = 0;
+  /// @throws DeviceError if refused, LineError.
+  virtual Acknowledgement start_move(Q from, Q to) = 0;
+  virtual Acknowledgement start_home() = 0;
+  /// Reads, retrying a bounded number of times and not past `deadline`.
+  /// @throws TimeoutError, ProtocolError, DeviceError (alarm, limit switch), LineError.
+  virtual AxisStatus<Q> status(Time deadline) = 0;
+  /// May be sent again. @param immediate without deceleration, where the controller can.
+  /// @throws TimeoutError, DeviceError, LineError.
+  virtual void send_stop(bool immediate) = 0;
+};
+
+/// Times of the loop, s.
+struct MotionTiming {
+  double poll = 0.04;   ///< between two status reads of an axis
+  double margin = 2.0;  ///< of a deadline, beside 1.2 times the motion itself
+  double stall = 1.0;   ///< without any change of position
+  double reply_timeout = 1.0;
+};
+
+template <class Q>
+class MotionAxis final : public Axis<Q> {
+ public:
+  /// `port` and `clock` must outlive the axis.
+  MotionAxis(const AxisConfig& config, AxisPort<Q>& port, Clock& clock, MotionTiming timing = {});
+
+  const std::string& name() const override { return name_; }
+  AxisLimits<Q> limits() const override { return {{config_.lower}, {config_.upper}}; }
+  void check(Q target) const override;
+  bool homed() const override { return homed_; }
+  void home() override;
+  void start(Q target) override;
+  /// Waits until this axis' next status read is due (one poll interval at most), then carries the
+  /// move on.
+  bool advance() override;
+  Arrival<Q> arrival() const override;
+  Q position() override;
+  double move_seconds(Q from, Q to) const override;
+  void stop() override;
+
+  /// The two halves of `stop`, for a controller that stops several axes: first forbid and send,
+  /// then verify.
+  void begin_stop();
+  void finish_stop();
+
+  /// Time within which one command over `distance` has to end, s.
+  double deadline_seconds(Q distance) const;
+  double home_deadline_seconds() const;
+
+ private:
+  enum class Phase { kIdle, kMoving, kSettling, kArrived, kHoming };
+
+  struct Move {
+    Q goal{};              ///< on the pulse grid
+    std::optional<Q> via;  ///< where the overshoot ends, while that is still to be reached
+    Q leg_start{}, leg_goal{};
+    Time leg_began{0}, deadline{0};
+    Acknowledgement acknowledged{};
+    Q last_position{};
+    Time last_change{0};
+    bool seen_ended = false;  ///< at the previous read already
+    int odd_reads = 0;        ///< in a row, of places where the axis cannot be
+    std::optional<Time> inside_since, outside_since;
+    unsigned generation = 0;
+  };
+
+  double travel_seconds(double distance) const;
+  double stall_seconds() const;
+  double direction() const { return config_.backlash > 0 ? 1.0 : -1.0; }
+  bool same_pulse(Q a, Q b) const { return scale_.to_steps(a) == scale_.to_steps(b); }
+  bool within(Q a, Q b) const { return abs(a - b).value <= config_.tolerance + 1e-9; }
+  bool goes_direct(Q from, Q goal) const;
+  Q goal_on_grid(Q target) const;
+  std::string shown(Q q) const;
+  void throw_if_stopped(unsigned generation) const;
+  Q read_position();
+  void begin_approach(Q from);
+  void begin_leg(Q from, Q to);
+  bool carry_on(const AxisStatus<Q>& status);
+  bool leg_ended(const AxisStatus<Q>& status, Time now);
+  bool plausible(Q position, Time now) const;
+  double slack() const;
+  bool settled(Q position, Time now);
+  void find_home(unsigned generation);
+  void lose_reference();
+  template <class F>
+  auto guarded(F&& action);
+
+  AxisConfig config_;
+  std::string name_;
+  AxisPort<Q>* port_;
+  Clock* clock_;
+  MotionTiming timing_;
+  StepScale<Q> scale_;
+
+  std::atomic<bool> homed_{false};
+  std::atomic<unsigned> stops_{
+      0};  ///< bumped by every stop: what was asked before it never starts after it
+
+  // Guarded by port_->lock().
+  Phase phase_ = Phase::kIdle;
+  Move move_;
+  Arrival<Q> arrival_;
+  Time next_poll_{0};
+  std::optional<Q> left_at_;     ///< where the last move ended
+  bool approach_known_ = false;  ///< the last move ended in the final direction
+};
+
+extern template class MotionAxis<Millimetres>;
+extern template class MotionAxis<Degrees>;
+
+/// Carries on several moves until all have arrived. The first exception leaves the others moving:
+/// stop them.
+template <class... Axes>
+void wait_all(Axes&... axes) {
+  for (bool all = false; !all;) {
+    all = true;
+    ((all = axes.advance() && all), ...);
+  }
+}
+
+}  // namespace turntable

@@ -1,0 +1,42 @@
+#include "drivers/sim/camera.h"
+
+#include <fmt/format.h>
+
+#include "src/core/errors.h"
+
+namespace turntable::sim {
+namespace {
+
+constexpr double kExposureAndTransferS = 0.03;
+
+}  // namespace
+
+SimulatedCamera::SimulatedCamera(Clock& clock, const World& world, double frame_timeout_s, CameraFaults faults)
+    : clock_(clock),
+      renderer_(world),
+      size_(world.image_size()),
+      frame_timeout_s_(frame_timeout_s),
+      faults_(std::move(faults)) {}
+
+std::string SimulatedCamera::identity() const {
+  return fmt::format("simulated camera {} x {} px, 8 bit", size_.width, size_.height);
+}
+
+ImageSize SimulatedCamera::image_size() const { return size_; }
+
+Frame SimulatedCamera::trigger() {
+  Frame frame;
+  frame.id = next_id_++;
+  frame.timestamp = clock_.now();
+  if (faults_.lost_frames.contains(frame.id)) {
+    clock_.sleep_for(from_seconds(frame_timeout_s_));
+    throw TimeoutError(fmt::format("camera: no frame within {:.1f} s of the trigger (frame {}). Check the cable, "
+                                   "the trigger mode and the exposure time.",
+                                   frame_timeout_s_, frame.id));
+  }
+  frame.image = renderer_.render(frame.id);
+  clock_.sleep_for(from_seconds(kExposureAndTransferS));
+  return frame;
+}
+
+}  // namespace turntable::sim

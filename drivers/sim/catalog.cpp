@@ -1,0 +1,34 @@
+#include "drivers/sim/catalog.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "drivers/sim/mc600.h"
+#include "src/core/errors.h"
+
+namespace turntable::sim {
+namespace {
+
+constexpr SimulatorModel kSimulators[] = {
+    {"zolix-mc600", simulate_mc600},
+};
+
+}  // namespace
+
+std::span<const SimulatorModel> simulator_models() { return kSimulators; }
+
+std::unique_ptr<ControllerSimulator> simulate_controller(std::string_view model,
+                                                         const SimulatorSetup& setup) {
+  const auto* row = std::ranges::find(kSimulators, model, &SimulatorModel::model);
+  if (row == std::end(kSimulators)) {
+    std::string known;
+    for (const auto& s : kSimulators)
+      known += fmt::format("{}{}", known.empty() ? "" : ", ", s.model);
+    throw ConfigError("rig", "/controllers",
+                      fmt::format("found model \"{}\", simulated: {}.", model, known));
+  }
+  return row->make(setup);
+}
+
+}  // namespace turntable::sim

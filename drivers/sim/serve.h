@@ -1,0 +1,51 @@
+// Simulators for people: in real time, on ptys and TCP ports.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <iosfwd>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "drivers/sim/controller_simulator.h"
+#include "protocols/tcp.h"
+
+namespace turntable::sim {
+
+/// Puts `simulator` at the far end of a new pty. @param link if not empty, a symbolic link to it
+/// (replaced if it is one already). @return the path to open as a serial port. @throws LineError.
+std::string plug_into_pty(ControllerSimulator& simulator, const std::filesystem::path& link = {});
+
+/// Listens, and plugs in one client at a time; a second one is turned away. Both must outlive
+/// `serve`.
+class TcpSocket final : public Actor {
+ public:
+  /// @param port 0 = any free one. @throws LineError.
+  TcpSocket(ControllerSimulator& simulator, std::uint16_t port,
+            const std::string& address = "127.0.0.1");
+  std::uint16_t port() const { return listener_.port(); }
+  int descriptor() const override { return listener_.descriptor(); }
+  std::optional<Time> next_due() const override { return std::nullopt; }
+  void act(Time now) override;
+
+ private:
+  ControllerSimulator* simulator_;
+  TcpListener listener_;
+};
+
+/// One simulated controller and where it is to be found.
+struct ServedController {
+  std::string name;
+  ControllerSimulator* simulator = nullptr;
+  std::optional<std::uint16_t> tcp_port;  ///< nothing = on a pty
+  std::filesystem::path link;             ///< of the pty
+};
+
+/// Serves until an interrupt, after printing one line per controller: "NAME /dev/pts/N" or "NAME
+/// host:port".
+/// @param others further actors to run beside them. @throws LineError.
+void serve_controllers(SystemClock& clock, const std::vector<ServedController>& controllers,
+                       std::ostream& out, const std::vector<Actor*>& others = {});
+
+}  // namespace turntable::sim

@@ -1,0 +1,17 @@
+// Zolix MC600: ASCII verbs ended by CR, four channels X Y Z T on one line (RS-232, 19200 8N1).
+//
+// A move is answered twice: READY at once, and "X 12.345,OK" by itself when it has ended. That
+// second line may come between any command and its answer. The controller counts pulses (open
+// loop): its position says what was sent to the motor, not where the table is. Sources:
+// protocols/README.md.
+#pragma once
+
+#include <memory>
+
+#include "drivers/controller.h"
+
+namespace turntable {
+
+std::unique_ptr<Controller> open_zolix_mc600(ControllerSetup setup);
+
+}  // namespace turntable

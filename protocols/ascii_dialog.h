@@ -1,0 +1,58 @@
+// Command and answer in lines of text that end in CR, over a line that may be noisy: one command at
+// a time, unsolicited lines told apart from answers, a way back into step after anything odd.
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "protocols/line.h"
+
+namespace turntable {
+
+class AsciiDialog {
+ public:
+  using Predicate = std::function<bool(std::string_view line)>;
+
+  /// Longer lines are noise and are dropped.
+  static constexpr std::size_t kLongestLine = 256;
+
+  /// @param unsolicited is shown every line first; true = it was one the device sends by itself,
+  /// and has been dealt with. Called from within the functions below.
+  AsciiDialog(Line line, Clock& clock, Predicate unsolicited);
+
+  /// Sends `command` and CR once; returns the first line that `accept` takes for its answer. Stale
+  /// input is dealt with before sending, lines that nobody takes are skipped.
+  /// @param give_way asked every 20 ms while waiting: true ends the wait (somebody more urgent
+  /// needs the line).
+  /// @throws TimeoutError if nothing came in time, ProtocolError if only lines came that nobody
+  /// took, LineError.
+  std::string ask(std::string_view command, Time timeout, const Predicate& accept,
+                  const std::function<bool()>& give_way = {});
+  /// Deals with what has arrived by itself, without waiting. @throws LineError.
+  void pump();
+  /// Ends a half-sent command with CR, then discards answers until the line has been quiet for
+  /// `quiet`, at most `at_most`. Unsolicited lines are still dealt with. @throws LineError.
+  void resync(Time quiet, Time at_most);
+  /// False after an exchange that failed: a late answer may still come. `ask` then ends a half-sent
+  /// command with CR first, but does not wait; call `resync` where there is time for it.
+  bool in_step() const { return in_step_; }
+
+  Line& line() { return line_; }
+  const Line& line() const { return line_; }
+  Clock& clock() { return *clock_; }
+
+ private:
+  std::size_t read_pending();
+  std::optional<std::string> next_line();
+
+  Line line_;
+  Clock* clock_;
+  Predicate unsolicited_;
+  std::string pending_;    ///< bytes not yet made into lines
+  bool overlong_ = false;  ///< inside a line that is too long: dropping until CR
+  bool in_step_ = true;
+};
+
+}  // namespace turntable

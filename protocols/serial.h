@@ -1,0 +1,24 @@
+// Serial ports and ptys.
+#pragma once
+
+#include <string>
+
+#include "protocols/line.h"
+
+namespace turntable {
+
+/// Opens `path` with 8 data bits, no parity, 1 stop bit, no flow control. Symbolic links are
+/// followed. A pty is opened raw through termios, because libserialport knows only ports listed by
+/// the kernel.
+/// @param baud bits per second; has no effect on a pty. @throws LineError.
+Line open_serial(const std::string& path, int baud);
+
+/// A new pty whose far end any program may open as if it were a serial port.
+struct Pty {
+  Line master;
+  std::string path;  ///< of the far end, /dev/pts/N
+};
+/// The far end is also held open here, so that clients may come and go. @throws LineError.
+Pty make_pty();
+
+}  // namespace turntable

@@ -1,0 +1,282 @@
+#include "src/app/commands.h"
+
+#include <fmt/format.h>
+#include <opencv2/core/version.hpp>
+#include <spdlog/spdlog.h>
+#include <unistd.h>
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <boost/version.hpp>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "src/app/open_rig.h"
+#include "src/app/progress.h"
+#include "src/campaign/planning.h"
+#include "src/campaign/runner.h"
+#include "src/core/errors.h"
+#include "src/core/interrupt.h"
+#include "src/evaluation/calibrate.h"
+#include "src/evaluation/evaluate.h"
+#include "src/record/atomic_file.h"
+#include "src/report/report.h"
+#include "version.h"
+
+namespace turntable {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::vector<const Solver*> solvers_named(const std::vector<std::string>& names) {
+  std::vector<const Solver*> solvers;
+  for (const std::string& name : names) {
+    const Solver* solver = find_solver(name);
+    if (solver == nullptr) {
+      std::string known;
+      for (const Solver& s : kSolvers) known += (known.empty() ? "" : ", ") + std::string(s.name);
+      throw ConfigError("--solver", "", fmt::format("found \"{}\", allowed: {}.", name, known));
+    }
+    if (std::ranges::find(solvers, solver) == solvers.end()) solvers.push_back(solver);
+  }
+  return solvers;
+}
+
+/// Where the camera calibration of a run comes from.
+struct CameraSource {
+  std::optional<Calibration> loaded;  ///< otherwise the campaign's own sweep
+};
+
+/// Makes sure that a campaign can be evaluated: by its own sweep, by --calibration, or by what the rig file names.
+CameraSource provide_calibration(Campaign& campaign, const RigFile& rig, const fs::path& file) {
+  CameraSource source;
+  const auto is_sweep = [](const Scenario& s) { return s.kind == ScenarioKind::kCalibration; };
+  const fs::path& chosen = file.empty() ? rig.calibration.file : file;
+  if (!file.empty() || (std::ranges::none_of(campaign.scenarios, is_sweep) && !chosen.empty())) {
+    source.loaded = load_calibration(chosen);
+    const ImageSize size = source.loaded->irt.image_size();
+    if (size != rig.camera.image_size)
+      throw ConfigError(chosen.string(), "/image_size_px",
+                        fmt::format("found {} x {} px, allowed: {} x {} px as {} says. Calibrate at the camera's size.",
+                                    size.width, size.height, rig.camera.image_size.width, rig.camera.image_size.height,
+                                    rig.file));
+    return source;
+  }
+  if (std::ranges::any_of(campaign.scenarios, is_sweep)) return source;
+  if (rig.calibration.sweep.empty())
+    throw ConfigError(campaign.file, "",
+                      fmt::format("has no calibration sweep, and {} names none. Give --calibration FILE, or add "
+                                  "\"calibration\" to the rig file.",
+                                  rig.file));
+  Scenario sweep = load_scenario(rig.calibration.sweep);
+  if (!is_sweep(sweep))
+    throw ConfigError(rig.file, "/calibration/sweep", fmt::format("{} is not a calibration scenario.", sweep.file));
+  fmt::print("The camera is calibrated first, by {}.\n", sweep.file);
+  campaign.scenarios.insert(campaign.scenarios.begin(), std::move(sweep));
+  return source;
+}
+
+nlohmann::json provenance(const RigFile& rig, const std::string& command) {
+  char host[256] = "unknown";
+  ::gethostname(host, sizeof host - 1);
+  nlohmann::json p{{"program", "turntable"},
+                   {"version", kVersion},
+                   {"commit", kCommit},
+                   {"modified", kDirty},
+                   {"compiler", __VERSION__},
+                   {"command", command},
+                   {"host", host},
+                   {"simulated", rig.simulated()},
+                   {"libraries",
+                    {{"opencv", CV_VERSION},
+                     {"eigen", fmt::format("{}.{}.{}", EIGEN_WORLD_VERSION, EIGEN_MAJOR_VERSION, EIGEN_MINOR_VERSION)},
+                     {"boost", BOOST_LIB_VERSION}}}};
+  if (rig.simulated()) p["seed"] = rig.simulation->seed;
+  return p;
+}
+
+/// Evaluates a run and writes everything after the images. @return exit code.
+int finish(const RunFolder& folder, const std::optional<Calibration>& loaded, const std::vector<const Solver*>& solvers,
+           SpotSource spots, bool rewrite) {
+  const RunRecord record = read_run(folder);
+  const RigFile rig = parse_rig_file(record.plan.rig.text, record.plan.rig.file, folder.root());
+  if (record.torn) spdlog::warn("{}: {}", folder.journal().string(), *record.torn);
+
+  CalibrationResult calibration;
+  if (loaded) {
+    calibration.calibration = *loaded;
+  } else if (has_calibration_sweep(record.plan)) {
+    ProgressLine line("calibrating");
+    CalibrateOptions options;
+    options.progress = [&](std::size_t done, std::size_t total) { line.update(done, total, "images"); };
+    calibration = calibrate(record, folder, rig, options);
+  } else {
+    calibration.calibration = load_calibration(folder.calibration());
+  }
+  if (rewrite) write_atomically(folder.calibration(), calibration_to_json(calibration.calibration));
+
+  Evaluation evaluation;
+  {
+    ProgressLine line("evaluating");
+    EvaluateOptions options;
+    options.solvers = solvers;
+    options.spots = spots;
+    options.progress = [&](std::size_t done, std::size_t total) { line.update(done, total, "poses"); };
+    evaluation = evaluate(record, folder, rig, calibration.calibration, options);
+  }
+  if (rewrite) write_poses_csv(evaluation, record.plan, folder.poses());
+  const fs::path report = write_report(folder, record, rig, calibration, evaluation);
+
+  for (const PlaneResidual& p : calibration.calibration.planes)
+    fmt::print("camera: plane {:8.3f} mm ({}): residual {:.4f} mm rms, {:.4f} mm max, {} circles\n", p.z_mm,
+               p.fitted ? "fitted" : "kept out", p.rms_mm, p.max_mm, p.points);
+  for (const RepeatStatistics& r : repeat_statistics(evaluation))
+    fmt::print("{:<14} repeat {}  {:<18} total RMSE {:.4f} deg  {} poses, {} failed\n",
+               record.plan.scenarios[r.scenario].name, r.repeat, r.solver->name, r.statistics.rmse_total_deg,
+               r.statistics.poses, r.statistics.failed);
+  const std::size_t failed = failed_results(evaluation);
+  if (failed > 0) spdlog::warn("{} results failed; poses.csv and report.md say which and why.", failed);
+  if (rig.simulated()) fmt::print("These results are simulated (seed {}).\n", rig.simulation->seed);
+  fmt::print("report: {}\n", report.string());
+  return failed > 0 ? kFailedPoses : kDone;
+}
+
+void print_list(const std::vector<std::string>& lines) {
+  for (const std::string& line : lines) fmt::print("  {}\n", line);
+}
+
+}  // namespace
+
+int plan_command(const PlanArguments& a) {
+  const RigFile rig = load_rig_file(a.rig);
+  Campaign campaign = load_campaign(a.scenario);
+  provide_calibration(campaign, rig, a.calibration);
+  const Plan plan = plan_campaign(campaign, rig);
+  const PlanReport report = check_plan(plan, rig, {archive_mode_from_name(a.images), a.out});
+  fmt::print("{}", plan_summary(plan, report));
+  if (!a.csv.empty()) {
+    write_plan_csv(plan, a.csv);
+    fmt::print("poses: {}\n", a.csv.string());
+  }
+  return kDone;
+}
+
+int run_command(const RunArguments& a) {
+  const RigFile rig_file = load_rig_file(a.rig);
+  Campaign campaign = load_campaign(a.scenario);
+  const std::vector<const Solver*> solvers = solvers_named(a.solvers);
+  const CameraSource camera = provide_calibration(campaign, rig_file, a.calibration);
+  const ArchiveMode archive = archive_mode_from_name(a.images);
+  const Plan plan = plan_campaign(campaign, rig_file);
+  if (archive == ArchiveMode::kNone && !camera.loaded && has_calibration_sweep(plan))
+    throw ConfigError("--images", "", "found \"none\", allowed with a calibration sweep: regions, full. The pattern's "
+                                      "images are what the camera is calibrated from.");
+  const fs::path root = a.out.empty() ? RunFolder::default_root(plan.name) : a.out;
+  const PlanReport report = check_plan(plan, rig_file, {archive, root});
+  fmt::print("{}", plan_summary(plan, report));
+  if (a.dry_run) {
+    fmt::print("Dry run: nothing moved, nothing written.\n");
+    return kDone;
+  }
+
+  // The devices are asked before anything is written or moves.
+  Rig rig = open_rig(rig_file, {a.configure, a.assume_mounted, a.wire_log});
+  fmt::print("devices:\n");
+  print_list(rig.identities);
+  const RunFolder folder = RunFolder::create(root, plan);
+  if (camera.loaded) write_atomically(folder.calibration(), calibration_to_json(*camera.loaded));
+  fmt::print("run: {}\n", folder.root().string());
+  std::fflush(stdout);
+
+  AcquireSummary summary;
+  try {
+    ProgressLine line("taking poses");
+    AcquireOptions options;
+    options.archive = archive;
+    nlohmann::json start = provenance(rig_file, fmt::format("run {}", a.scenario.string()));
+    start["devices"] = rig.identities;
+    summary = acquire(rig, rig_file, plan, folder, start, options, [&](const Progress& p) {
+      line.update(p.done, p.total, p.phase, p.eta_s);
+    });
+  } catch (const Error&) {
+    fmt::print("The axes are stopped. What was taken is kept in {}; \"turntable evaluate {}\" evaluates it.\n",
+               folder.root().string(), folder.root().string());
+    throw;
+  }
+  fmt::print("{} poses taken: {} on the rig's clock, {} by the wall\n", summary.poses, duration_text(summary.rig_s),
+             duration_text(summary.wall_s));
+  const int code = finish(folder, camera.loaded, solvers, SpotSource::kImages, true);
+  return code == kDone && summary.failed > 0 ? kFailedPoses : code;
+}
+
+int calibrate_command(const CalibrateArguments& a) {
+  CalibrationResult result;
+  fs::path out = a.out;
+  if (fs::is_directory(a.source)) {
+    const RunFolder folder = RunFolder::open(a.source);
+    const RunRecord record = read_run(folder);
+    const RigFile rig = parse_rig_file(record.plan.rig.text, record.plan.rig.file, folder.root());
+    ProgressLine line("calibrating");
+    CalibrateOptions options;
+    options.order = a.order;
+    options.progress = [&](std::size_t done, std::size_t total) { line.update(done, total, "images"); };
+    result = calibrate(record, folder, rig, options);
+    if (out.empty()) out = folder.calibration();
+  } else if (format_of(a.source) == "calibration") {
+    result.calibration = load_calibration(a.source);
+  } else {
+    if (a.rig.empty()) throw ConfigError("--rig", "", "is missing: a calibration scenario needs a rig to run on.");
+    RunArguments run;
+    run.scenario = a.source;
+    run.rig = a.rig;
+    run.out = a.out;
+    return run_command(run);
+  }
+  const Calibration& c = result.calibration;
+  const auto [centre, spread] = c.irt.bundle_centre();
+  const auto [low, high] = c.irt.jacobian_range();
+  fmt::print("{}\n{} x {} px, order {}, planes at {:.3f} and {:.3f} mm\n", c.source, c.irt.image_size().width,
+             c.irt.image_size().height, c.irt.order(), c.irt.planes().a_mm, c.irt.planes().b_mm);
+  for (const PlaneResidual& p : c.planes)
+    fmt::print("plane {:8.3f} mm ({}): residual {:.4f} mm rms, {:.4f} mm max, {} circles\n", p.z_mm,
+               p.fitted ? "fitted" : "kept out", p.rms_mm, p.max_mm, p.points);
+  fmt::print("right-handed: det d(x,y)/d(u,v) = {:.4f}..{:.4f} mm^2/px^2\n", low, high);
+  fmt::print("rays pass nearest to ({:.2f}, {:.2f}, {:.2f}) mm, {:.3f} mm rms apart\n", centre.x(), centre.y(),
+             centre.z(), spread);
+  if (c.pinhole) fmt::print("pinhole without distortion: {:.3f} px rms\n", c.pinhole->rms_px);
+  if (c.pinhole_distorted) fmt::print("pinhole with distortion: {:.4f} px rms\n", c.pinhole_distorted->rms_px);
+  if (!out.empty()) {
+    write_atomically(out, calibration_to_json(c));
+    fmt::print("calibration: {}\n", out.string());
+  }
+  return kDone;
+}
+
+int evaluate_command(const EvaluateArguments& a) {
+  const RunFolder folder = RunFolder::open(a.run);
+  std::optional<Calibration> loaded;
+  if (!a.calibration.empty()) loaded = load_calibration(a.calibration);
+  return finish(folder, loaded, solvers_named(a.solvers), SpotSource::kImages, true);
+}
+
+int report_command(const std::vector<fs::path>& runs) {
+  int code = kDone;
+  for (const fs::path& run : runs) {
+    const RunFolder folder = RunFolder::open(run);
+    std::optional<Calibration> stored;
+    if (fs::exists(folder.calibration())) stored = load_calibration(folder.calibration());
+    code = std::max(code, finish(folder, stored, {}, SpotSource::kJournal, false));
+  }
+  return code;
+}
+
+int simulate_command(const SimulateArguments& a) {
+  const RigFile rig = load_rig_file(a.rig);
+  if (!a.links.empty()) fs::create_directories(a.links);
+  fmt::print("Simulated controllers of {}; Ctrl-C ends.\n", rig.file);
+  std::fflush(stdout);
+  simulate_rig(rig, a.links);
+  return kDone;
+}
+
+}  // namespace turntable

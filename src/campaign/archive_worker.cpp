@@ -1,0 +1,174 @@
+#include "src/campaign/archive_worker.h"
+
+#include <fmt/format.h>
+
+#include <chrono>
+#include <future>
+#include <iterator>
+
+#include "src/core/interrupt.h"
+#include "src/record/atomic_file.h"
+#include "src/record/sha256.h"
+#include "src/vision/spots.h"
+
+namespace turntable {
+namespace {
+
+/// More bright things than this in an LED image are a lamp or a window, and such an image is kept whole.
+constexpr std::size_t kMaxSpots = 32;
+
+double wall_s() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+struct Prepared {
+  std::vector<StagedFile> files;
+  bool failed = false;  ///< an axis missed its target, or the target was not seen
+};
+
+/// Fills in the job's images and puts their files on the medium, not yet under their names.
+Prepared prepare(ArchiveWorker::Job& job, const RunFolder& folder, const RigFile& rig_file,
+                 const AcquireOptions& options) {
+  const PlannedPose& planned = job.taken.planned;
+  Prepared out;
+  out.failed = job.taken.missed();
+  for (std::size_t i = 0; i < job.frames.size(); ++i) {
+    const Frame& frame = job.frames[i];
+    TakenImage image;
+    image.frame_id = frame.id;
+    image.exposed_s = seconds(frame.timestamp);
+
+    bool mask = false;
+    std::vector<Region> regions;
+    if (planned.payload == Payload::kLedTarget) {
+      const SpotSearch search = find_spots(frame.image);
+      image.spots.emplace();
+      for (const Spot& s : search.spots) {
+        if (regions.size() == kMaxSpots) break;
+        image.spots->push_back({s.centre_px.x(), s.centre_px.y(), s.sigma_px, s.peak_grey, s.area_px, s.saturated});
+        regions.push_back({s.box.left, s.box.top, s.box.right, s.box.bottom});
+      }
+      const bool seen = search.spots.size() >= rig_file.target.points_mm.size();
+      out.failed = out.failed || !seen;
+      // An image that did not show what it should is kept whole: somebody will want to know why.
+      mask = options.archive == ArchiveMode::kRegions && seen && search.spots.size() <= kMaxSpots;
+    }
+    if (options.archive != ArchiveMode::kNone) {
+      const std::string png =
+          mask ? encode_png(keep_regions(frame.image, regions, options.region_margin_px)) : encode_png(frame.image);
+      image.file = fmt::format("images/{:06}-{}-{}.png", planned.index, planned.id, i + 1);
+      image.sha256 = sha256_hex(png);
+      out.files.emplace_back(folder.root() / image.file, png);
+    }
+    job.taken.images.push_back(std::move(image));
+  }
+  return out;
+}
+
+}  // namespace
+
+ArchiveWorker::ArchiveWorker(RunJournal& journal, const RunFolder& folder, const Plan& plan,
+                             const RigFile& rig_file, const AcquireOptions& options)
+    : journal_(journal),
+      folder_(folder),
+      plan_(plan),
+      rig_file_(rig_file),
+      options_(options),
+      thread_([this] { run(); }) {}
+
+ArchiveWorker::~ArchiveWorker() { end(); }
+
+void ArchiveWorker::push(Job job) {
+  std::unique_lock lock(mutex_);
+  while (queue_.size() >= std::max<std::size_t>(options_.queued_poses, 1) && !failure_) {
+    changed_.wait_for(lock, std::chrono::milliseconds(20));
+    throw_if_stopping_now();
+  }
+  if (failure_) std::rethrow_exception(failure_);
+  queue_.push_back(std::move(job));
+  changed_.notify_all();
+}
+
+void ArchiveWorker::finish() {
+  end();
+  if (failure_) std::rethrow_exception(failure_);
+}
+
+ArchiveWorker::Tally ArchiveWorker::tally() const {
+  const std::lock_guard lock(mutex_);
+  return tally_;
+}
+
+void ArchiveWorker::end() {
+  {
+    const std::lock_guard lock(mutex_);
+    ending_ = true;
+    changed_.notify_all();
+  }
+  if (thread_.joinable()) thread_.join();
+}
+
+void ArchiveWorker::run() {
+  std::unique_lock lock(mutex_);
+  for (;;) {
+    changed_.wait(lock, [this] { return ending_ || !queue_.empty(); });
+    if (queue_.empty()) return;
+    std::vector<Job> jobs(std::move_iterator(queue_.begin()), std::move_iterator(queue_.end()));
+    queue_.clear();
+    changed_.notify_all();
+    lock.unlock();
+    std::exception_ptr failure;
+    const double begin = wall_s();
+    try {
+      process(jobs);
+    } catch (...) {
+      failure = std::current_exception();
+    }
+    lock.lock();
+    tally_.busy_s += wall_s() - begin;
+    if (failure) {
+      failure_ = failure;
+      queue_.clear();
+      changed_.notify_all();
+      return;
+    }
+  }
+}
+
+void ArchiveWorker::process(std::vector<Job>& jobs) {
+  std::vector<std::future<Prepared>> pending;
+  for (Job& job : jobs)
+    pending.push_back(std::async(jobs.size() == 1 ? std::launch::deferred : std::launch::async,
+                                 [this, &job] { return prepare(job, folder_, rig_file_, options_); }));
+  // Poses enter the journal in their order; behind one that failed, none does.
+  std::exception_ptr failure;
+  std::vector<Prepared> ready;
+  for (auto& result : pending) {
+    try {
+      Prepared prepared = result.get();
+      if (!failure) ready.push_back(std::move(prepared));
+    } catch (...) {
+      if (!failure) failure = std::current_exception();
+    }
+  }
+  bool any_file = false;
+  for (Prepared& prepared : ready)
+    for (StagedFile& file : prepared.files) {
+      file.commit();
+      any_file = true;
+    }
+  if (any_file) sync_folder(folder_.images());
+  for (std::size_t i = 0; i < ready.size(); ++i)
+    journal_.pose(jobs[i].taken, plan_.scenario_of(jobs[i].taken.planned).name);
+  if (!ready.empty()) journal_.sync();
+  {
+    const std::lock_guard lock(mutex_);
+    for (const Prepared& prepared : ready) {
+      ++tally_.poses;
+      if (prepared.failed) ++tally_.failed;
+    }
+  }
+  if (failure) std::rethrow_exception(failure);
+}
+
+}  // namespace turntable

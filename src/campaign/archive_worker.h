@@ -1,0 +1,66 @@
+// The other thread of a run: inspects, archives and journals pose k-1 while the rig moves to pose k. If the rig is
+// faster than the disk, the poses that wait are done together: syncing costs the same for eight as for one.
+#pragma once
+
+#include <condition_variable>
+#include <cstddef>
+#include <deque>
+#include <exception>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+#include "src/campaign/runner.h"
+#include "src/core/camera.h"
+#include "src/record/run_journal.h"
+
+namespace turntable {
+
+class ArchiveWorker {
+ public:
+  struct Job {
+    TakenPose taken;
+    std::vector<Frame> frames;
+  };
+  /// What was done so far; complete after `finish`.
+  struct Tally {
+    std::size_t poses = 0;
+    std::size_t failed = 0;
+    double busy_s = 0.0;
+  };
+
+  /// All references must outlive the worker, which is the only user of `journal` while it lives.
+  ArchiveWorker(RunJournal& journal, const RunFolder& folder, const Plan& plan, const RigFile& rig_file,
+                const AcquireOptions& options);
+  ~ArchiveWorker();
+  ArchiveWorker(const ArchiveWorker&) = delete;
+  ArchiveWorker& operator=(const ArchiveWorker&) = delete;
+
+  /// Waits while `queued_poses` are waiting. @throws what a job threw; Interrupted at level 2.
+  void push(Job job);
+  /// Does what is still queued and ends the thread. @throws what a job threw; jobs behind a failed one are dropped.
+  void finish();
+  /// Before `finish` a snapshot.
+  Tally tally() const;
+
+ private:
+  void run();
+  void process(std::vector<Job>& jobs);
+  void end();
+
+  RunJournal& journal_;
+  const RunFolder& folder_;
+  const Plan& plan_;
+  const RigFile& rig_file_;
+  const AcquireOptions& options_;
+
+  mutable std::mutex mutex_;
+  std::condition_variable changed_;
+  std::deque<Job> queue_;
+  bool ending_ = false;
+  std::exception_ptr failure_;
+  Tally tally_;
+  std::thread thread_;
+};
+
+}  // namespace turntable

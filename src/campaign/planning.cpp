@@ -1,0 +1,397 @@
+#include "src/campaign/planning.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <set>
+#include <tuple>
+
+#include "src/campaign/motion_time.h"
+#include "src/core/errors.h"
+#include "src/geometry/gimbal.h"
+#include "src/record/csv.h"
+
+namespace turntable {
+namespace {
+
+/// Exposure and transfer of one frame; what a triggered 1 Mpx camera takes.
+constexpr double kFrameSeconds = 0.05;
+/// Part of the image's width and height that has to stay free on each side.
+constexpr double kFieldMargin = 0.03;
+constexpr std::size_t kListedViolations = 10;
+
+/// Digit of `counter` for each range, outermost first; snake order turns a range round each time the one outside it
+/// moves on, so that neighbours differ by one step of one axis.
+std::vector<std::size_t> digits_of(std::size_t counter, const std::vector<AxisRange>& ranges, PoseOrder order) {
+  std::vector<std::size_t> digits(ranges.size());
+  for (std::size_t k = ranges.size(); k-- > 0;) {
+    const std::size_t n = ranges[k].values_deg.size();
+    digits[k] = counter % n;
+    counter /= n;
+    if (order == PoseOrder::kSnake && counter % 2 == 1) digits[k] = n - 1 - digits[k];
+  }
+  return digits;
+}
+
+double& angle_of(PlannedPose& pose, AxisId axis) {
+  return axis == AxisId::kYaw ? pose.yaw_deg : axis == AxisId::kRoll ? pose.roll_deg : pose.pitch_deg;
+}
+
+void add_attitude(Plan& plan, const Scenario& scenario) {
+  PlannedPose pose;
+  pose.scenario = plan.scenarios.size();
+  pose.payload = scenario.payload;
+  pose.stage_mm = scenario.stage_mm;
+  pose.dwell_s = scenario.dwell_s;
+  pose.images = scenario.images_per_pose;
+  const std::size_t points = scenario.pose_count() - 1;
+  for (pose.repeat = 1; pose.repeat <= scenario.repeats; ++pose.repeat) {
+    PlannedPose reference = pose;
+    reference.role = PoseRole::kReference;
+    plan.poses.push_back(reference);
+    for (std::size_t i = 0; i < points; ++i) {
+      const auto digits = digits_of(i, scenario.ranges, scenario.order);
+      for (std::size_t k = 0; k < scenario.ranges.size(); ++k)
+        angle_of(pose, scenario.ranges[k].axis) = scenario.ranges[k].values_deg[digits[k]];
+      pose.point = static_cast<int>(i) + 1;
+      plan.poses.push_back(pose);
+    }
+    pose.yaw_deg = pose.roll_deg = pose.pitch_deg = 0.0;
+    pose.point = 0;
+  }
+}
+
+void add_calibration(Plan& plan, const Scenario& scenario) {
+  PlannedPose pose;
+  pose.scenario = plan.scenarios.size();
+  pose.payload = scenario.payload;
+  pose.dwell_s = scenario.dwell_s;
+  pose.images = scenario.images_per_plane;
+  for (const CalibrationPlane& plane : scenario.planes) {
+    pose.role = plane.fit ? PoseRole::kPlaneFit : PoseRole::kPlaneCheck;
+    pose.stage_mm = plane.stage_mm;
+    plan.poses.push_back(pose);
+    ++pose.point;
+  }
+  pose.role = PoseRole::kPinholeView;
+  pose.point = 0;
+  pose.images = 1;
+  for (const PinholeView& view : scenario.pinhole_views) {
+    pose.stage_mm = view.stage_mm;
+    pose.yaw_deg = view.yaw_deg;
+    pose.roll_deg = view.roll_deg;
+    pose.pitch_deg = view.pitch_deg;
+    plan.poses.push_back(pose);
+    ++pose.point;
+  }
+}
+
+std::string named(const Plan& plan, const PlannedPose& pose) {
+  return fmt::format("pose {} (scenario {}, stage {} mm, yaw {}, roll {}, pitch {} deg)", pose.index,
+                     plan.scenario_of(pose).name, pose.stage_mm, pose.yaw_deg, pose.roll_deg,
+                     pose.pitch_deg);
+}
+
+/// Pointer of the whole pose, where no single axis is to blame.
+std::string pointer_of(const Plan& plan, const PlannedPose& pose) {
+  if (plan.scenario_of(pose).kind == ScenarioKind::kAttitude)
+    return pose.role == PoseRole::kReference ? "/stage_mm" : "/ranges";
+  return fmt::format("{}/{}", pose.role == PoseRole::kPinholeView ? "/pinhole_views" : "/planes", pose.point);
+}
+
+class Violations {
+ public:
+  void add(const std::string& file, const std::string& pointer, const std::string& what) {
+    if (count_++ == 0) std::tie(file_, pointer_) = std::tie(file, pointer);
+    if (count_ <= kListedViolations)
+      text_ += fmt::format("\n  {} at {}: {}", file, pointer.empty() ? "/" : pointer, what);
+  }
+  void throw_if_any() const {
+    if (count_ == 0) return;
+    throw ConfigError(file_, pointer_,
+                      fmt::format("the plan is refused, nothing has moved. {} violation{}{}:{}", count_,
+                                  count_ == 1 ? "" : "s",
+                                  count_ > kListedViolations
+                                      ? fmt::format(", the first {}", kListedViolations)
+                                      : "",
+                                  text_));
+  }
+
+ private:
+  std::size_t count_ = 0;
+  std::string file_, pointer_, text_;
+};
+
+void check_limits(const Plan& plan, const RigFile& rig, Violations& violations) {
+  const auto outside = [](const AxisConfig& axis, double target) -> std::string {
+    const double turn = target - axis.backlash;
+    if (target < axis.lower || target > axis.upper)
+      return fmt::format("{} target {} {}, allowed: {} to {} {}", axis_name(axis.id), target, axis.unit(),
+                         axis.lower, axis.upper, axis.unit());
+    if (turn < axis.lower || turn > axis.upper)
+      return fmt::format("{} target {} {} is approached from {} {} (one-sided approach), allowed: {} to {} {}",
+                         axis_name(axis.id), target, axis.unit(), turn, axis.unit(), axis.lower, axis.upper,
+                         axis.unit());
+    return {};
+  };
+  for (const AxisId id : kAllAxes)
+    if (const std::string what = outside(rig.axis(id), 0.0); !what.empty())
+      violations.add(rig.file, fmt::format("/axes/{}/limits_{}", axis_name(id), axis_unit(id)),
+                     what + ". Axes return to zero for every change of the payload: widen the limits.");
+  std::set<std::tuple<std::size_t, AxisId, double>> told;  // a grid repeats the same target many times
+  for (const PlannedPose& pose : plan.poses)
+    for (const AxisId id : kAllAxes) {
+      const std::string what = outside(rig.axis(id), pose.target(id));
+      if (!what.empty() && told.emplace(pose.scenario, id, pose.target(id)).second)
+        violations.add(plan.scenario_of(pose).file, pointer_of(plan, pose, id),
+                       fmt::format("{}, first at pose {}. Choose a target inside the soft limits.", what,
+                                   pose.index));
+    }
+}
+
+/// Smallest distance of any predicted point's edge from the image's edge, px.
+double check_field(const Plan& plan, const RigFile& rig, Violations& violations) {
+  struct Mark {
+    Vector3d at;  ///< from the gimbal centre at zero angles
+    double radius_mm;
+    std::string name;
+  };
+  std::vector<Mark> leds, circles;
+  for (std::size_t i = 0; i < rig.target.points_mm.size(); ++i)
+    leds.push_back({rig.target.offset_mm + rig.target.points_mm[i], rig.target.led_radius_mm,
+                    fmt::format("LED {}", i)});
+  for (const auto& [column, row] : rig.pattern.direction_circles)
+    circles.push_back({rig.pattern.offset_mm + rig.pattern.spacing_mm * Vector3d(column, row, 0),
+                       rig.pattern.direction_radius_mm, fmt::format("direction circle ({}, {})", column, row)});
+
+  const Gimbal gimbal(rig.gimbal);
+  const double width = rig.camera.image_size.width, height = rig.camera.image_size.height;
+  const double focal = rig.camera.nominal_focal_px;
+  double margin = std::numeric_limits<double>::infinity();
+  for (const PlannedPose& pose : plan.poses) {
+    const Matrix3d R = gimbal.rotation(pose.angles());
+    const Vector3d centre = gimbal.centre_mm(pose.stage_mm);
+    for (const Mark& mark : pose.payload == Payload::kLedTarget ? leds : circles) {
+      // Nominal pinhole straight above, looking down -z; v runs down the image, y up.
+      const Vector3d p = centre + R * mark.at;
+      const double depth = rig.camera.nominal_height_mm - p.z();
+      std::string what;
+      if (depth <= mark.radius_mm) {
+        what = fmt::format("{} would stand {:.0f} mm from the camera's height", mark.name, depth);
+      } else {
+        const double u = 0.5 * (width - 1) + focal * p.x() / depth;
+        const double v = 0.5 * (height - 1) - focal * p.y() / depth;
+        const double radius = focal * mark.radius_mm / depth;
+        const double room = std::min({u, width - 1 - u, v, height - 1 - v}) - radius;
+        margin = std::min(margin, room);
+        const double room_u = std::min(u, width - 1 - u) - radius - kFieldMargin * width;
+        const double room_v = std::min(v, height - 1 - v) - radius - kFieldMargin * height;
+        if (std::min(room_u, room_v) >= 0.0) continue;
+        what = fmt::format("{} would be seen at ({:.0f}, {:.0f}) px, allowed: {:.0f} px inside an image of {} x {} px",
+                           mark.name, u, v, radius + kFieldMargin * (room_u < room_v ? width : height), width,
+                           height);
+      }
+      violations.add(plan.scenario_of(pose).file, pointer_of(plan, pose),
+                     fmt::format("{}: {}. Use smaller angles or another stage position.", named(plan, pose), what));
+      break;
+    }
+  }
+  return margin;
+}
+
+std::uintmax_t image_bytes(const RigFile& rig, Payload payload, ArchiveMode mode) {
+  if (mode == ArchiveMode::kNone) return 0;
+  const auto pixels = static_cast<std::uintmax_t>(rig.camera.image_size.width) *
+                      static_cast<std::uintmax_t>(rig.camera.image_size.height);
+  if (mode == ArchiveMode::kFull || payload == Payload::kCirclePattern) return pixels;
+  constexpr std::uintmax_t kSpotPx = 2 * kRegionMarginPx + 20;
+  return std::min(pixels, 4096 + rig.target.points_mm.size() * kSpotPx * kSpotPx);
+}
+
+void check_disk(const Plan& plan, const RigFile& rig, const CheckOptions& options, PlanReport& report) {
+  constexpr std::uintmax_t kPoseBytes = 4096;  // its lines in plan and journal
+  for (const PlannedPose& pose : plan.poses) {
+    const auto images = static_cast<std::uintmax_t>(pose.images);
+    report.images += static_cast<std::size_t>(pose.images);
+    report.disk_bytes += kPoseBytes + images * image_bytes(rig, pose.payload, options.archive);
+  }
+  if (options.out.empty()) return;
+  std::error_code error;
+  std::filesystem::path folder = std::filesystem::absolute(options.out);
+  while (!std::filesystem::exists(folder, error) && folder.has_relative_path()) folder = folder.parent_path();
+  const auto space = std::filesystem::space(folder, error);
+  if (error) return;  // creating the run folder will say what is wrong with it
+  report.free_bytes = space.available;
+  if (report.disk_bytes > report.free_bytes)
+    throw ConfigError(folder.string(), "",
+                      fmt::format("the run needs up to {:.0f} MB, {:.0f} MB are free. Make room, choose another "
+                                  "--out, or archive images as regions.",
+                                  static_cast<double>(report.disk_bytes) / 1e6,
+                                  static_cast<double>(report.free_bytes) / 1e6));
+}
+
+void sweep(AxisSweep& out, const AxisConfig& axis, const Plan& plan) {
+  out.limit_lower = axis.lower;
+  out.limit_upper = axis.upper;
+  out.target_lower = std::numeric_limits<double>::infinity();
+  out.target_upper = -out.target_lower;
+  out.swept_lower = std::min(0.0, -axis.backlash);
+  out.swept_upper = std::max(0.0, -axis.backlash);
+  double from = 0.0;
+  for (const PlannedPose& pose : plan.poses) {
+    const double to = pose.target(axis.id);
+    out.target_lower = std::min(out.target_lower, to);
+    out.target_upper = std::max(out.target_upper, to);
+    for (const double at : {to, takes_overshoot(axis, from, to) ? to - axis.backlash : to}) {
+      out.swept_lower = std::min(out.swept_lower, at);
+      out.swept_upper = std::max(out.swept_upper, at);
+    }
+    const double pulses = to / axis.per_step();
+    if (std::abs(pulses - std::round(pulses)) > 1e-6) ++out.off_grid;
+    from = to;
+  }
+}
+
+std::string shown_time(double s) {
+  const auto whole = static_cast<long>(std::lround(s));
+  if (whole < 60) return fmt::format("{:.1f} s", s);
+  if (whole < 3600) return fmt::format("{} min {:02} s", whole / 60, whole % 60);
+  return fmt::format("{} h {:02} min", whole / 3600, whole % 3600 / 60);
+}
+
+}  // namespace
+
+double AxisSweep::margin() const { return std::min(swept_lower - limit_lower, limit_upper - swept_upper); }
+
+Plan plan_campaign(const Campaign& campaign, const RigFile& rig) {
+  Plan plan;
+  plan.name = campaign.name;
+  plan.title = campaign.title;
+  plan.rig = freeze(rig.file, rig.source);
+  if (!campaign.text.empty()) plan.sources.push_back(freeze(campaign.file, campaign.text));
+  double poses = 0;
+  for (const Scenario& s : campaign.scenarios)
+    poses += static_cast<double>(s.pose_count()) * s.repeats;
+  if (poses > static_cast<double>(kMaxPoses))
+    throw ConfigError(campaign.file, "/steps",
+                      fmt::format("found {:.4g} poses in all, allowed: at most {}. Take fewer scenarios or repeats.",
+                                  poses, kMaxPoses));
+  plan.poses.reserve(static_cast<std::size_t>(poses));
+  for (const Scenario& s : campaign.scenarios) {
+    if (s.kind == ScenarioKind::kCalibration)
+      add_calibration(plan, s);
+    else
+      add_attitude(plan, s);
+    ScenarioInfo info{s.name, s.title, s.file, s.kind, s.table, s.polynomial_order, s.repeats, {}};
+    for (const AxisRange& range : s.ranges) info.axes.push_back(range.axis);
+    plan.scenarios.push_back(std::move(info));
+    plan.sources.push_back(freeze(s.file, s.text));
+  }
+  number_poses(plan);
+  return plan;
+}
+
+std::string pointer_of(const Plan& plan, const PlannedPose& pose, AxisId axis) {
+  const ScenarioInfo& scenario = plan.scenario_of(pose);
+  if (scenario.kind == ScenarioKind::kAttitude) {
+    if (axis == AxisId::kStage) return "/stage_mm";
+    const auto range = std::ranges::find(scenario.axes, axis);
+    return range == scenario.axes.end() ? "/ranges"
+                                        : fmt::format("/ranges/{}", range - scenario.axes.begin());
+  }
+  return fmt::format("{}/{}_{}", pointer_of(plan, pose), axis_name(axis), axis_unit(axis));
+}
+
+std::vector<PhaseTimes> pose_times(const Plan& plan, const RigFile& rig) {
+  std::vector<PhaseTimes> times;
+  times.reserve(plan.poses.size());
+  std::array<double, kAllAxes.size()> at{};
+  Payload payload = plan.poses.empty() ? Payload::kLedTarget : plan.poses.front().payload;
+  const auto go = [&](PhaseTimes& time, const auto& target_of) {
+    double motion = 0.0, settle = 0.0;
+    for (std::size_t i = 0; i < kAllAxes.size(); ++i) {
+      const AxisConfig& axis = rig.axis(kAllAxes[i]);
+      const double to = target_of(kAllAxes[i]);
+      if (to == at[i]) continue;
+      motion = std::max(motion, move_seconds(axis, at[i], to));
+      settle = std::max(settle, axis.settle_s);
+      at[i] = to;
+    }
+    time.motion_s += motion;
+    time.settle_s += settle;
+  };
+  for (const PlannedPose& pose : plan.poses) {
+    PhaseTimes time;
+    if (pose.payload != payload) go(time, [](AxisId) { return 0.0; });
+    payload = pose.payload;
+    go(time, [&pose](AxisId id) { return pose.target(id); });
+    time.settle_s += pose.dwell_s;
+    time.trigger_s = kFrameSeconds * pose.images;
+    times.push_back(time);
+  }
+  return times;
+}
+
+PlanReport check_plan(const Plan& plan, const RigFile& rig, const CheckOptions& options) {
+  Violations violations;
+  PlanReport report;
+  check_limits(plan, rig, violations);
+  report.field_margin_px = check_field(plan, rig, violations);
+  violations.throw_if_any();
+  check_disk(plan, rig, options, report);
+  for (std::size_t i = 0; i < kAllAxes.size(); ++i) sweep(report.axes[i], rig.axis(kAllAxes[i]), plan);
+  for (const PhaseTimes& time : pose_times(plan, rig)) {
+    report.time.motion_s += time.motion_s;
+    report.time.settle_s += time.settle_s;
+    report.time.trigger_s += time.trigger_s;
+  }
+  return report;
+}
+
+std::string plan_summary(const Plan& plan, const PlanReport& report) {
+  std::string out = fmt::format("{}: {} poses, {} images\n", plan.title, plan.poses.size(), report.images);
+  std::vector<std::size_t> counts(plan.scenarios.size());
+  for (const PlannedPose& pose : plan.poses) ++counts[pose.scenario];
+  for (std::size_t i = 0; i < plan.scenarios.size(); ++i) {
+    const ScenarioInfo& s = plan.scenarios[i];
+    out += fmt::format("  {:<20} {:>6} poses, {} repeat{}{}\n", s.name, counts[i], s.repeats,
+                       s.repeats == 1 ? "" : "s", s.table ? fmt::format(", table {}", *s.table) : "");
+  }
+  out += fmt::format("\n  {:<6} {:>20} {:>24} {:>20} {:>10}\n", "axis", "targets", "swept with overshoot",
+                     "soft limits", "margin");
+  for (std::size_t i = 0; i < kAllAxes.size(); ++i) {
+    const AxisSweep& a = report.axes[i];
+    const auto unit = axis_unit(kAllAxes[i]);
+    out += fmt::format("  {:<6} {:>9.3f} .. {:>7.3f} {:>13.3f} .. {:>7.3f} {:>9.3f} .. {:>7.3f} {:>6.3f} {}\n",
+                       axis_name(kAllAxes[i]), a.target_lower, a.target_upper, a.swept_lower, a.swept_upper,
+                       a.limit_lower, a.limit_upper, a.margin(), unit);
+    if (a.off_grid > 0)
+      out += fmt::format("         {} poses of {} lie between two pulses; the nearest pulse is taken\n", a.off_grid,
+                         axis_name(kAllAxes[i]));
+  }
+  out += fmt::format("\n  field of view: every point stays {:.0f} px or more inside the image (nominal camera)\n",
+                     report.field_margin_px);
+  out += fmt::format("  time: {} = motion {} + settling {} + exposures {} (homing apart)\n",
+                     shown_time(report.time.total_s()), shown_time(report.time.motion_s),
+                     shown_time(report.time.settle_s), shown_time(report.time.trigger_s));
+  out += fmt::format("  disk: up to {:.1f} MB", static_cast<double>(report.disk_bytes) / 1e6);
+  if (report.free_bytes > 0) out += fmt::format(" of {:.0f} MB free", static_cast<double>(report.free_bytes) / 1e6);
+  return out + "\n";
+}
+
+void write_plan_csv(const Plan& plan, const std::filesystem::path& file) {
+  Csv csv({"index", "id", "scenario", "role", "payload", "repeat", "point", "stage_mm", "yaw_deg", "roll_deg",
+           "pitch_deg", "dwell_s", "images"});
+  for (const PlannedPose& p : plan.poses) {
+    csv.integer(static_cast<std::int64_t>(p.index)).text(p.id).text(plan.scenario_of(p).name);
+    csv.text(role_name(p.role)).text(payload_name(p.payload)).integer(p.repeat).integer(p.point);
+    csv.number(p.stage_mm, 4).number(p.yaw_deg, 4).number(p.roll_deg, 4).number(p.pitch_deg, 4);
+    csv.number(p.dwell_s, 3).integer(p.images);
+    csv.end_row();
+  }
+  csv.write(file);
+}
+
+}  // namespace turntable

@@ -1,0 +1,304 @@
+#include "src/campaign/runner.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <numeric>
+#include <optional>
+
+#include "src/campaign/archive_worker.h"
+#include "src/campaign/planning.h"
+#include "src/core/errors.h"
+#include "src/core/interrupt.h"
+#include "src/record/run_journal.h"
+#include "src/record/sha256.h"
+
+namespace turntable {
+namespace {
+
+using Targets = std::array<double, kAllAxes.size()>;  ///< mm or deg, by order of kAllAxes
+
+/// If no axis waited by itself, so that polling does not eat a core.
+constexpr Time kPollPause = std::chrono::milliseconds(5);
+
+double wall_s() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+/// Calls f(Axis<Q>&) with the axis' own unit.
+template <class F>
+auto with_axis(const Rig& rig, AxisId id, F&& f) {
+  switch (id) {
+    case AxisId::kStage: return f(*rig.stage);
+    case AxisId::kYaw: return f(*rig.yaw);
+    case AxisId::kRoll: return f(*rig.roll);
+    case AxisId::kPitch: break;
+  }
+  return f(*rig.pitch);
+}
+
+template <class Q>
+Q quantity(const Axis<Q>&, double value) {
+  return Q{value};
+}
+
+class Acquisition {
+ public:
+  Acquisition(Rig& rig, const RigFile& rig_file, const Plan& plan, const AcquireOptions& options,
+              const std::function<void(const Progress&)>& progress)
+      : rig_(rig), rig_file_(rig_file), plan_(plan), options_(options), progress_(progress) {
+    for (const PhaseTimes& time : pose_times(plan, rig_file)) weights_.push_back(time.total_s());
+    weight_left_ = std::accumulate(weights_.begin(), weights_.end(), 0.0);
+  }
+
+  AcquireSummary run(const RunFolder& folder, const Json& provenance) {
+    check_targets();
+    began_wall_ = wall_s();
+    const Time began = rig_.clock->now();
+    RunJournal journal(folder, start_document(provenance));
+    ArchiveWorker worker(journal, folder, plan_, rig_file_, options_);
+    std::exception_ptr cause;
+    try {
+      journal.baseline(positions());  // before the first job: the journal is not shared yet
+      home();
+      for (const PlannedPose& pose : plan_.poses) take(pose, worker);
+      report("finishing");
+      worker.finish();
+      journal.baseline(positions());
+      journal.stop("success", "");
+    } catch (...) {
+      cause = std::current_exception();
+    }
+    if (cause) end_early(cause, journal, worker);
+    const auto tally = worker.tally();
+    summary_.poses = tally.poses;
+    summary_.failed = tally.failed;
+    summary_.archive_s = tally.busy_s;
+    summary_.rig_s = seconds(rig_.clock->now() - began);
+    summary_.wall_s = wall_s() - began_wall_;
+    return summary_;
+  }
+
+ private:
+  /// The axes have the last word on limits, and have it before the first of them moves.
+  void check_targets() const {
+    const auto check = [this](AxisId id, double target) {
+      with_axis(rig_, id, [target](auto& axis) { axis.check(quantity(axis, target)); });
+    };
+    for (const AxisId id : kAllAxes) check(id, 0.0);
+    for (const PlannedPose& pose : plan_.poses)
+      for (const AxisId id : kAllAxes) check(id, pose.target(id));
+  }
+
+  Json start_document(const Json& provenance) const {
+    return {{"plan_name", plan_.name},
+            {"num_poses", plan_.poses.size()},
+            {"plan_sha256", sha256_hex(plan_text(plan_))},
+            {"rig_sha256", plan_.rig.sha256},
+            {"archive", archive_mode_name(options_.archive)},
+            {"simulated", rig_.simulated},
+            {"devices", rig_.identities},
+            {"camera", rig_.camera->identity()},
+            {"provenance", provenance}};
+  }
+
+  Targets positions() const {
+    Targets out{};
+    for (std::size_t i = 0; i < kAllAxes.size(); ++i)
+      out[i] = with_axis(rig_, kAllAxes[i], [](auto& axis) { return axis.position().value; });
+    return out;
+  }
+
+  void report(std::string_view phase) {
+    if (!progress_) return;
+    const double elapsed = wall_s() - began_wall_;
+    // Before the first pose the plan's own estimate is all there is.
+    const double scale = weight_done_ > 0.0 ? (wall_s() - first_pose_wall_) / weight_done_ : 1.0;
+    progress_({done_, plan_.poses.size(), phase, elapsed, scale * weight_left_});
+  }
+
+  void home() {
+    const Time began = rig_.clock->now();
+    for (const AxisId id : kAllAxes) {
+      throw_if_interrupted();
+      with_axis(rig_, id, [this](auto& axis) {
+        if (axis.homed()) return;
+        report("homing");
+        axis.home();
+      });
+    }
+    summary_.homing_s = seconds(rig_.clock->now() - began);
+    first_pose_wall_ = wall_s();
+  }
+
+  void take(const PlannedPose& pose, ArchiveWorker& worker) {
+    throw_if_interrupted();
+    throw_if_stopping_now();
+    mount(pose.payload);
+    report("moving");
+    Targets targets{};
+    for (std::size_t i = 0; i < kAllAxes.size(); ++i) targets[i] = pose.target(kAllAxes[i]);
+    ArchiveWorker::Job job;
+    job.taken.planned = pose;
+    move(targets);
+    for (std::size_t i = 0; i < kAllAxes.size(); ++i) job.taken.axis(kAllAxes[i]) = held_[i]->readback;
+    if (pose.dwell_s > 0.0) {
+      report("settling");
+      rig_.clock->sleep_for(from_seconds(pose.dwell_s));
+      summary_.settle_s += pose.dwell_s;
+    }
+    job.taken.rig_time_s = seconds(rig_.clock->now());
+    report("exposing");
+    for (int i = 0; i < pose.images; ++i) job.frames.push_back(trigger(pose));
+
+    const double waiting = wall_s();
+    worker.push(std::move(job));
+    summary_.waited_s += wall_s() - waiting;
+    ++done_;
+    weight_left_ = std::max(0.0, weight_left_ - weights_[pose.index]);
+    weight_done_ += weights_[pose.index];
+  }
+
+  void mount(Payload payload) {
+    if (mounted_ == payload) return;
+    report("mounting");
+    move({});  // all axes at zero: there a person can reach the table, and the payload lies level
+    mounted_.reset();
+    if (rig_.mount) rig_.mount(payload);
+    mounted_ = payload;
+  }
+
+  /// Moves all axes at once. An axis that was asked for the same place before, and reached it, stays.
+  void move(const Targets& targets) {
+    const Time began = rig_.clock->now();
+    std::array<bool, kAllAxes.size()> moving{};
+    double settle = 0.0;
+    for (std::size_t i = 0; i < kAllAxes.size(); ++i) {
+      if (held_[i] && held_[i]->target == targets[i] && !held_[i]->readback.missed) continue;
+      held_[i].reset();
+      moving[i] = true;
+      with_axis(rig_, kAllAxes[i], [&](auto& axis) { axis.start(quantity(axis, targets[i])); });
+      settle = std::max(settle, rig_file_.axis(kAllAxes[i]).settle_s);
+    }
+    std::array<bool, kAllAxes.size()> travelling = moving;
+    while (std::ranges::find(travelling, true) != travelling.end()) {
+      const Time before = rig_.clock->now();
+      for (std::size_t i = 0; i < kAllAxes.size(); ++i) {
+        if (!travelling[i]) continue;
+        travelling[i] = !with_axis(rig_, kAllAxes[i], [](auto& axis) { return axis.advance(); });
+      }
+      throw_if_stopping_now();
+      if (rig_.clock->now() - before < kPollPause) rig_.clock->sleep_for(kPollPause);
+    }
+    for (std::size_t i = 0; i < kAllAxes.size(); ++i) {
+      with_axis(rig_, kAllAxes[i], [&](auto& axis) {
+        if (moving[i]) {
+          const auto arrival = axis.arrival();
+          held_[i] = {targets[i], {arrival.position.value, arrival.missed, arrival.retries, arrival.overshot}};
+          return;
+        }
+        // It should stand where it stood; only the controller knows.
+        AxisReadback& stayed = held_[i]->readback;
+        stayed.position = axis.position().value;
+        stayed.retries = 0;
+        stayed.missed = std::abs(stayed.position - targets[i]) > rig_file_.axis(kAllAxes[i]).tolerance;
+      });
+    }
+    const double elapsed = seconds(rig_.clock->now() - began);
+    settle = std::min(settle, elapsed);
+    summary_.settle_s += settle;
+    summary_.motion_s += elapsed - settle;
+  }
+
+  Frame trigger(const PlannedPose& pose) {
+    const Time began = rig_.clock->now();
+    for (int attempt = 0;; ++attempt) {
+      try {
+        Frame frame = rig_.camera->trigger();
+        if (frame.image.size() != rig_file_.camera.image_size)
+          throw DeviceError(fmt::format("camera: found an image of {} x {} px, allowed: {} x {} px as the rig file "
+                                        "says. Correct the one or the other.",
+                                        frame.image.width, frame.image.height, rig_file_.camera.image_size.width,
+                                        rig_file_.camera.image_size.height));
+        summary_.trigger_s += seconds(rig_.clock->now() - began);
+        return frame;
+      } catch (const TimeoutError& e) {
+        if (attempt >= rig_file_.camera.retries)
+          throw TimeoutError(fmt::format("camera: no frame at pose {} after {} triggers: {}. Check its cable, its "
+                                         "light and the trigger line.",
+                                         pose.index, attempt + 1, e.what()));
+        ++summary_.trigger_retries;
+      }
+    }
+  }
+
+  /// Stops the axes first, then saves what was taken, then says why. @throws the cause, always.
+  [[noreturn]] void end_early(const std::exception_ptr& cause, RunJournal& journal, ArchiveWorker& worker) {
+    const InterruptShield shield;
+    std::string trouble;
+    for (const AxisId id : kAllAxes) {
+      try {
+        with_axis(rig_, id, [](auto& axis) { axis.stop(); });
+      } catch (const std::exception& e) {
+        trouble += fmt::format("; stopping axis {} failed: {}", axis_name(id), e.what());
+      }
+    }
+    try {
+      worker.finish();
+    } catch (const std::exception& e) {
+      trouble += fmt::format("; archiving failed: {}", e.what());
+    }
+    std::string status = "fail";
+    std::string reason;
+    try {
+      std::rethrow_exception(cause);
+    } catch (const Interrupted& e) {
+      status = "abort";
+      reason = e.what();
+    } catch (const std::exception& e) {
+      reason = e.what();
+    }
+    try {
+      journal.baseline(positions());
+    } catch (const std::exception&) {  // a dead line, perhaps the very cause: positions are a courtesy here
+    }
+    try {
+      journal.stop(status, reason + trouble);
+    } catch (const std::exception&) {  // a full disk, perhaps: the cause says so
+    }
+    std::rethrow_exception(cause);
+  }
+
+  struct Held {
+    double target;
+    AxisReadback readback;
+  };
+
+  Rig& rig_;
+  const RigFile& rig_file_;
+  const Plan& plan_;
+  const AcquireOptions& options_;
+  const std::function<void(const Progress&)>& progress_;
+
+  AcquireSummary summary_;
+  std::optional<Payload> mounted_;
+  std::array<std::optional<Held>, kAllAxes.size()> held_;
+  std::size_t done_ = 0;
+  std::vector<double> weights_;
+  double weight_left_ = 0.0, weight_done_ = 0.0;
+  double began_wall_ = 0.0, first_pose_wall_ = 0.0;
+};
+
+}  // namespace
+
+AcquireSummary acquire(Rig& rig, const RigFile& rig_file, const Plan& plan, const RunFolder& folder,
+                       const Json& provenance, const AcquireOptions& options,
+                       const std::function<void(const Progress&)>& progress) {
+  return Acquisition(rig, rig_file, plan, options, progress).run(folder, provenance);
+}
+
+}  // namespace turntable

@@ -1,0 +1,212 @@
+#include "src/core/json_document.h"
+
+#include <fmt/format.h>
+
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <valijson/adapters/nlohmann_json_adapter.hpp>
+#include <valijson/schema.hpp>
+#include <valijson/schema_parser.hpp>
+#include <valijson/validation_results.hpp>
+#include <valijson/validator.hpp>
+
+#include "schemas.h"
+#include "src/core/errors.h"
+
+namespace turntable {
+namespace {
+
+using valijson::adapters::NlohmannJsonAdapter;
+
+std::string_view schema_text(std::string_view name) {
+  for (const auto& [stem, text] : embedded::schemas())
+    if (stem == name) return text;
+  throw std::logic_error(fmt::format("no built-in schema '{}'", name));
+}
+
+/// valijson names a place as "<root>[axes][yaw][limits_deg][0]"; users get a JSON pointer.
+std::string pointer_of(const valijson::ValidationResults::Error& error) {
+  std::string pointer;
+  for (std::string part : error.context) {
+    if (part == "<root>") continue;
+    if (part.size() >= 2 && part.front() == '[' && part.back() == ']')
+      part = part.substr(1, part.size() - 2);
+    if (part.size() >= 2 && part.front() == '"' && part.back() == '"')
+      part = part.substr(1, part.size() - 2);
+    pointer += "/" + part;
+  }
+  return pointer;
+}
+
+/// Value for a message: short, on one line.
+std::string shown(const Json& value) {
+  std::string text = value.dump();
+  if (text.size() > 60) text = text.substr(0, 57) + "...";
+  return text;
+}
+
+/// The schema that governs the value at `pointer`, as far as plain properties and items lead.
+const Json* schema_at(const Json& root, const Json::json_pointer& pointer) {
+  const Json* at = &root;
+  const auto resolve = [&root](const Json* schema) {
+    while (schema->contains("$ref")) {
+      const auto reference = schema->at("$ref").get<std::string>();
+      schema = &root.at(Json::json_pointer(reference.substr(1)));
+    }
+    return schema;
+  };
+  at = resolve(at);
+  std::istringstream parts(pointer.to_string());
+  std::string part;
+  std::getline(parts, part, '/');
+  while (std::getline(parts, part, '/')) {
+    if (at->contains("properties") && at->at("properties").contains(part))
+      at = &at->at("properties").at(part);
+    else if (at->contains("items") && at->at("items").is_object())
+      at = &at->at("items");
+    else if (at->contains("additionalProperties") && at->at("additionalProperties").is_object())
+      at = &at->at("additionalProperties");
+    else
+      return nullptr;
+    at = resolve(at);
+  }
+  return at;
+}
+
+std::string keys_of(const Json& object) {
+  std::string keys;
+  for (const auto& [key, value] : object.items()) keys += (keys.empty() ? "" : ", ") + key;
+  return keys;
+}
+
+/// What is wrong with `value` against `schema` in a person's words; empty if this level shows nothing.
+std::string explain(const Json& value, const Json& schema) {
+  if (value.is_object() && schema.contains("properties")) {
+    const Json& properties = schema.at("properties");
+    if (schema.value("additionalProperties", Json(true)) == Json(false))
+      for (const auto& [key, member] : value.items())
+        if (!properties.contains(key))
+          return fmt::format("unknown key \"{}\"; allowed here: {}. Remove it or correct its name.",
+                             key, keys_of(properties));
+    if (schema.contains("required"))
+      for (const auto& key : schema.at("required"))
+        if (!value.contains(key))
+          return fmt::format("key {} is missing. Add it ({}).", key.dump(),
+                             properties.contains(key)
+                                 ? properties.at(key.get<std::string>()).value("description", "see the schema")
+                                 : "see the schema");
+  }
+  std::string allowed;
+  if (schema.contains("const")) allowed = schema.at("const").dump();
+  if (schema.contains("enum")) allowed = "one of " + schema.at("enum").dump();
+  if (allowed.empty() && schema.contains("type")) {
+    allowed = schema.at("type").is_string() ? schema.at("type").get<std::string>() : schema.at("type").dump();
+    for (const char* bound : {"minimum", "exclusiveMinimum", "maximum", "exclusiveMaximum", "minItems",
+                              "maxItems", "minLength", "multipleOf", "pattern"})
+      if (schema.contains(bound)) allowed += fmt::format(", {} {}", bound, schema.at(bound).dump());
+  }
+  if (allowed.empty()) return {};
+  const std::string description = schema.value("description", "");
+  return fmt::format("found {}, allowed: {}{}.", shown(value), allowed,
+                     description.empty() ? "" : " (" + description + ")");
+}
+
+[[noreturn]] void throw_schema_error(const Json& value, const Json& schema, const std::string& name,
+                                     valijson::ValidationResults& results) {
+  // The deepest complaint is the cause; the others repeat it from above.
+  valijson::ValidationResults::Error error, deepest;
+  bool have = false;
+  while (results.popError(error))
+    if (!have || error.context.size() > deepest.context.size()) {
+      deepest = error;
+      have = true;
+    }
+  const std::string pointer = pointer_of(deepest);
+  const Json::json_pointer at(pointer);
+  std::string words;
+  if (value.contains(at))
+    if (const Json* governing = schema_at(schema, at)) words = explain(value.at(at), *governing);
+  if (words.empty()) words = deepest.description;
+  throw ConfigError(name, pointer.empty() ? "/" : pointer, words);
+}
+
+Json parse_or_throw(std::string_view text, const std::string& name) {
+  try {
+    return Json::parse(text);
+  } catch (const Json::parse_error& e) {
+    const std::size_t end = std::min(text.size(), e.byte == 0 ? 0 : e.byte - 1);
+    const auto line = 1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(end), '\n');
+    const std::size_t newline = text.substr(0, end).rfind('\n');
+    const std::size_t column = end - (newline == std::string_view::npos ? 0 : newline + 1) + 1;
+    std::string detail = e.what();
+    if (const auto at = detail.find("syntax error"); at != std::string::npos) detail = detail.substr(at);
+    throw ConfigError(name, "",
+                      fmt::format("not valid JSON at line {}, column {}: {} (JSON has no comments, no "
+                                  "trailing commas, no NaN)",
+                                  line, column, detail));
+  }
+}
+
+}  // namespace
+
+std::string read_text(const std::filesystem::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  if (!in || std::filesystem::is_directory(file))
+    throw ConfigError(file.string(), "", "cannot be read: no such file, or no permission. Check the path.");
+  std::ostringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+Json parse_json(std::string_view text, const std::string& name, std::string_view schema_name) {
+  Json value = parse_or_throw(text, name);
+  const Json schema_json = Json::parse(schema_text(schema_name));
+
+  // One cheap look first: a file of another kind should not be answered with a list of missing keys.
+  const Json& format = schema_json.at("properties").at("format");
+  if (!value.is_object() || !value.contains("format") || value.at("format") != format.at("const"))
+    throw ConfigError(name, "/format",
+                      fmt::format("found {}, allowed: {}. This is not a {} file.",
+                                  value.is_object() && value.contains("format")
+                                      ? shown(value.at("format"))
+                                      : "no \"format\" key",
+                                  format.at("const").dump(), schema_name));
+
+  valijson::Schema schema;
+  valijson::SchemaParser parser;
+  parser.populateSchema(NlohmannJsonAdapter(schema_json), schema);
+  valijson::Validator validator;
+  valijson::ValidationResults results;
+  if (!validator.validate(schema, NlohmannJsonAdapter(value), &results))
+    throw_schema_error(value, schema_json, name, results);
+  return value;
+}
+
+Json load_json(const std::filesystem::path& file, std::string_view schema) {
+  return parse_json(read_text(file), file.string(), schema);
+}
+
+std::string format_of(const std::filesystem::path& file) {
+  const Json value = parse_or_throw(read_text(file), file.string());
+  if (value.is_object() && value.contains("format") && value.at("format").is_string()) {
+    const auto text = value.at("format").get<std::string>();
+    const auto slash = text.find('/');
+    if (text.starts_with("turntable-") && slash != std::string::npos)
+      return text.substr(10, slash - 10);
+  }
+  throw ConfigError(file.string(), "/format",
+                    "no \"turntable-...\" format is stated. Name the file's kind, for example "
+                    "\"format\": \"turntable-scenario/1\".");
+}
+
+const std::vector<std::string>& schema_names() {
+  static const std::vector<std::string> names = [] {
+    std::vector<std::string> list;
+    for (const auto& [stem, text] : embedded::schemas()) list.emplace_back(stem);
+    return list;
+  }();
+  return names;
+}
+
+}  // namespace turntable

@@ -1,0 +1,388 @@
+#include "src/core/rig_file.h"
+
+#include <fmt/format.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "src/core/errors.h"
+
+namespace turntable {
+namespace {
+
+constexpr std::array<std::string_view, 4> kAxisNames{"stage", "yaw", "roll", "pitch"};
+
+double number(const Json& v) { return v.get<double>(); }
+Vector3d vector3(const Json& v) { return {number(v.at(0)), number(v.at(1)), number(v.at(2))}; }
+Vector2d vector2(const Json& v) { return {number(v.at(0)), number(v.at(1))}; }
+Vector3d vector3_or_zero(const Json& object, const char* key) {
+  return object.contains(key) ? vector3(object.at(key)) : Vector3d::Zero();
+}
+Vector2d vector2_or_zero(const Json& object, const char* key) {
+  return object.contains(key) ? vector2(object.at(key)) : Vector2d::Zero();
+}
+
+/// Reads one rig file; `at` places every complaint.
+class Reader {
+ public:
+  Reader(const Json& json, std::string name, const std::filesystem::path& folder)
+      : json_(json), name_(std::move(name)), folder_(folder) {}
+
+  RigFile read() {
+    RigFile rig;
+    rig.file = name_;
+    rig.name = json_.at("name");
+    rig.title = json_.value("title", rig.name);
+    read_controllers(rig);
+    for (const AxisId id : kAllAxes) rig.axes[id] = axis(rig, id);
+    check_channels(rig);
+    rig.camera = camera();
+    rig.gimbal = gimbal();
+    rig.pattern = pattern();
+    if ((rig.gimbal.centre_at_stage_zero_mm + rig.pattern.offset_mm).norm() > 1e-6)
+      fail("/pattern/offset_mm", "and /gimbal/centre_at_stage_zero_mm do not add up to zero: the plane frame's origin "
+                                 "is the pattern's origin circle at stage position 0 and zero angles.");
+    rig.target = target();
+    if (json_.contains("calibration")) {
+      const Json& c = json_.at("calibration");
+      if (c.contains("file")) rig.calibration.file = folder_ / c.at("file").get<std::string>();
+      if (c.contains("sweep")) rig.calibration.sweep = folder_ / c.at("sweep").get<std::string>();
+    }
+    if (json_.contains("simulation")) rig.simulation = simulation(rig);
+    if (rig.simulated() && !rig.simulation)
+      fail("/simulation", "is missing, but a device of this rig is simulated. Add the section (see "
+                          "scenarios/rigs/simulated.json) or give the device a real line.");
+    return rig;
+  }
+
+ private:
+  [[noreturn]] void fail(const std::string& pointer, const std::string& message) const {
+    throw ConfigError(name_, pointer, message);
+  }
+
+  void read_controllers(RigFile& rig) const {
+    for (const auto& [key, c] : json_.at("controllers").items()) {
+      ControllerConfig controller;
+      controller.name = key;
+      controller.model = c.at("model");
+      controller.reply_timeout_s = c.value("reply_timeout_ms", 1000.0) / 1000.0;
+      const Json& line = c.at("line");
+      if (line.contains("serial")) {
+        controller.line.kind = LineConfig::Kind::kSerial;
+        controller.line.serial_port = line.at("serial").at("port");
+        controller.line.baud = line.at("serial").value("baud", 19200);
+      } else if (line.contains("tcp")) {
+        controller.line.kind = LineConfig::Kind::kTcp;
+        controller.line.host = line.at("tcp").at("host");
+        controller.line.tcp_port = line.at("tcp").at("port");
+      }
+      rig.controllers.push_back(std::move(controller));
+    }
+  }
+
+  AxisConfig axis(const RigFile& rig, AxisId id) const {
+    const std::string at = fmt::format("/axes/{}", axis_name(id));
+    const Json& a = json_.at("axes").at(std::string(axis_name(id)));
+    AxisConfig axis;
+    axis.id = id;
+    axis.controller = a.at("controller");
+    axis.channel = a.at("channel");
+    axis.stage_model = a.at("stage");
+    if (std::ranges::find(rig.controllers, axis.controller, &ControllerConfig::name) == rig.controllers.end())
+      fail(at + "/controller", fmt::format("found \"{}\", allowed: {}. Name a controller of this file.",
+                                           axis.controller, controller_names(rig)));
+    const StageSpec* spec = find_stage_spec(axis.stage_model);
+    if (spec == nullptr)
+      fail(at + "/stage", fmt::format("found \"{}\", allowed: {}. Name a stage of the table and override "
+                                      "what differs.",
+                                      axis.stage_model, stage_names(id)));
+    const bool linear = id == AxisId::kStage;
+    if ((spec->kind == StageKind::kLinear) != linear)
+      fail(at + "/stage", fmt::format("found \"{}\", which is {}; allowed: {}.", axis.stage_model,
+                                      linear ? "rotary" : "linear", stage_names(id)));
+    const std::string unit(axis.unit());
+    const auto value = [&](const std::string& key, double standard) { return a.value(key, standard); };
+    axis.kind = spec->kind;
+    axis.steps_per_rev = value("steps_per_rev", spec->steps_per_rev);
+    axis.drive_ratio = value("drive_ratio", spec->drive_ratio);
+    axis.lead_mm = value("lead_mm", spec->lead_mm);
+    axis.initial_speed = value("initial_speed_" + unit + "_s", spec->initial_speed);
+    axis.speed = value("speed_" + unit + "_s", spec->speed);
+    axis.acceleration = value("acceleration_" + unit + "_s2", spec->acceleration);
+    axis.home_speed = value("home_speed_" + unit + "_s", spec->home_speed);
+    axis.repeatability = value("repeatability_" + unit, spec->repeatability);
+    axis.backlash = value("backlash_" + unit, spec->backlash);
+    axis.tolerance = value("tolerance_" + unit, 1.5 * axis.per_step());
+    axis.settle_s = value("settle_ms", 100.0) / 1000.0;
+    axis.retries = a.value("retries", 2);
+
+    axis.lower = spec->travel_lower;
+    axis.upper = spec->travel_upper;
+    const std::string key = "limits_" + unit;
+    if (a.contains(key)) {
+      axis.lower = a.at(key).at(0);
+      axis.upper = a.at(key).at(1);
+      if (!(axis.lower < axis.upper))
+        fail(at + "/" + key, fmt::format("found [{}, {}] {}, allowed: lower < upper. Put the lower limit first.",
+                                         axis.lower, axis.upper, unit));
+      if (axis.lower < spec->travel_lower || axis.upper > spec->travel_upper)
+        fail(at + "/" + key, fmt::format("found [{}, {}] {}, allowed: inside the travel of {}, [{}, {}] {}.",
+                                         axis.lower, axis.upper, unit, axis.stage_model, spec->travel_lower,
+                                         spec->travel_upper, unit));
+    }
+    if (axis.speed < axis.initial_speed)
+      fail(at, fmt::format("speed {} {}/s is below the initial speed {} {}/s. Raise the one or lower the other.",
+                           axis.speed, unit, axis.initial_speed, unit));
+    if (axis.upper - axis.lower <= 2 * std::abs(axis.backlash))
+      fail(at, fmt::format("limits [{}, {}] {} leave no room for the approach overshoot of {} {}.", axis.lower,
+                           axis.upper, unit, axis.backlash, unit));
+    if (axis.tolerance < 0.5 * axis.per_step())
+      fail(at + "/tolerance_" + unit,
+           fmt::format("found {} {}, allowed: at least half a pulse, {} {}; the controller cannot come closer.",
+                       axis.tolerance, unit, 0.5 * axis.per_step(), unit));
+    return axis;
+  }
+
+  static std::string controller_names(const RigFile& rig) {
+    std::string names;
+    for (const auto& c : rig.controllers) names += (names.empty() ? "" : ", ") + c.name;
+    return names;
+  }
+  static std::string stage_names(AxisId id) {
+    std::string names;
+    for (const auto& spec : stage_specs())
+      if ((spec.kind == StageKind::kLinear) == (id == AxisId::kStage))
+        names += (names.empty() ? "" : ", ") + std::string(spec.model);
+    return names;
+  }
+
+  void check_channels(const RigFile& rig) const {
+    std::map<std::pair<std::string, std::string>, AxisId> taken;
+    for (const auto& [id, axis] : rig.axes) {
+      const auto [it, fresh] = taken.emplace(std::pair(axis.controller, axis.channel), id);
+      if (!fresh)
+        fail(fmt::format("/axes/{}/channel", axis_name(id)),
+             fmt::format("channel {} of controller {} already turns axis {}. Give each axis its own channel.",
+                         axis.channel, axis.controller, axis_name(it->second)));
+    }
+  }
+
+  CameraConfig camera() const {
+    const Json& c = json_.at("camera");
+    CameraConfig camera;
+    camera.model = c.at("model");
+    if (c.contains("folder")) camera.folder = folder_ / c.at("folder").get<std::string>();
+    if (camera.model == "folder" && camera.folder.empty())
+      fail("/camera/folder", "is missing: camera model \"folder\" needs the folder of the images.");
+    camera.image_size = {c.at("image_size_px").at(0), c.at("image_size_px").at(1)};
+    camera.frame_timeout_s = c.value("frame_timeout_ms", 2000.0) / 1000.0;
+    camera.retries = c.value("retries", 2);
+    camera.nominal_focal_px = c.at("nominal_focal_px");
+    camera.nominal_height_mm = c.at("nominal_height_mm");
+    return camera;
+  }
+
+  GimbalConfig gimbal() const {
+    const Json& g = json_.at("gimbal");
+    GimbalConfig gimbal;
+    if (g.contains("order_base_outwards"))
+      for (std::size_t i = 0; i < 3; ++i)
+        gimbal.order_base_outwards[i] =
+            axis_from_name(g.at("order_base_outwards").at(i).get<std::string>());
+    gimbal.axes = {Vector3d::UnitZ(), Vector3d::UnitY(), Vector3d::UnitX()};  // yaw, roll, pitch = z, y, x
+    if (g.contains("axes"))
+      for (std::size_t i = 0; i < 3; ++i) {
+        const std::string key(axis_name(kRotaryAxes[i]));
+        if (!g.at("axes").contains(key)) continue;
+        gimbal.axes[i] = vector3(g.at("axes").at(key));
+        if (gimbal.axes[i].norm() < 1e-6) fail("/gimbal/axes/" + key, "has no length. State a direction.");
+        gimbal.axes[i].normalize();
+      }
+    const auto& [yaw, roll, pitch] = gimbal.axes;
+    if (std::abs(std::abs(yaw.dot(roll.cross(pitch))) - 1.0) > 1e-9)
+      fail("/gimbal/axes", "the three axes are not at right angles. State nominal directions; small errors of "
+                           "the real axes are the business of the evaluation.");
+    gimbal.centre_at_stage_zero_mm = vector3(g.at("centre_at_stage_zero_mm"));
+    return gimbal;
+  }
+
+  PatternConfig pattern() const {
+    const Json& p = json_.at("pattern");
+    PatternConfig pattern;
+    pattern.columns = p.at("columns");
+    pattern.rows = p.at("rows");
+    pattern.origin_column = p.at("origin").at(0);
+    pattern.origin_row = p.at("origin").at(1);
+    pattern.spacing_mm = p.at("spacing_mm");
+    pattern.radius_mm = p.at("radius_mm");
+    pattern.direction_radius_mm = p.at("direction_radius_mm");
+    pattern.bright = p.at("circles") == "bright";
+    pattern.offset_mm = vector3_or_zero(p, "offset_mm");
+    if (pattern.origin_column >= pattern.columns || pattern.origin_row >= pattern.rows)
+      fail("/pattern/origin", fmt::format("found [{}, {}], allowed: inside the {} x {} pattern.",
+                                          pattern.origin_column, pattern.origin_row, pattern.columns,
+                                          pattern.rows));
+    if (pattern.direction_radius_mm < 1.15 * pattern.radius_mm)
+      fail("/pattern/direction_radius_mm",
+           fmt::format("found {} mm, allowed: at least 1.15 times radius_mm ({} mm), or the bigger circles "
+                       "cannot be told apart.",
+                       pattern.direction_radius_mm, pattern.radius_mm));
+    if (2 * pattern.direction_radius_mm >= pattern.spacing_mm)
+      fail("/pattern/direction_radius_mm", "neighbouring circles touch. Make them smaller than the spacing.");
+    for (std::size_t i = 0; i < 4; ++i) {
+      const Json& d = p.at("direction_circles").at(i);
+      const std::array<int, 2> at{d.at(0), d.at(1)};
+      const int column = at[0] + pattern.origin_column, row = at[1] + pattern.origin_row;
+      const std::string place = fmt::format("/pattern/direction_circles/{}", i);
+      if (column < 0 || column >= pattern.columns || row < 0 || row >= pattern.rows)
+        fail(place, fmt::format("found [{}, {}], which lies off the pattern.", at[0], at[1]));
+      if (std::ranges::find(pattern.direction_circles, at) != pattern.direction_circles.end())
+        fail(place, fmt::format("[{}, {}] is stated twice.", at[0], at[1]));
+      pattern.direction_circles.push_back(at);
+    }
+    if (std::ranges::find(pattern.direction_circles, std::array{0, 0}) == pattern.direction_circles.end())
+      fail("/pattern/direction_circles", "[0, 0] is not among them; the origin circle is a bigger one.");
+    check_direction_circles(pattern);
+    return pattern;
+  }
+
+  /// Three on one line give no homography; a symmetric arrangement gives more than one reading.
+  void check_direction_circles(const PatternConfig& pattern) const {
+    const auto& d = pattern.direction_circles;
+    for (std::size_t i = 0; i < 4; ++i)
+      for (std::size_t j = i + 1; j < 4; ++j)
+        for (std::size_t k = j + 1; k < 4; ++k)
+          if ((d[j][0] - d[i][0]) * (d[k][1] - d[i][1]) == (d[k][0] - d[i][0]) * (d[j][1] - d[i][1]))
+            fail("/pattern/direction_circles", "three of them lie on one line. Choose four in general position.");
+    const auto relative = [&](int a, int b, int c, int e) {  // the set under one lattice symmetry, from its own corner
+      std::vector<std::array<int, 2>> moved;
+      for (const auto& p : d) moved.push_back({a * p[0] + b * p[1], c * p[0] + e * p[1]});
+      std::ranges::sort(moved);
+      const auto corner = moved.front();
+      for (auto& p : moved) p = {p[0] - corner[0], p[1] - corner[1]};
+      return moved;
+    };
+    const auto as_is = relative(1, 0, 0, 1);
+    for (const auto& [a, b, c, e] : {std::array{0, -1, 1, 0}, {-1, 0, 0, -1}, {0, 1, -1, 0}, {1, 0, 0, -1},
+                                     {-1, 0, 0, 1}, {0, 1, 1, 0}, {0, -1, -1, 0}})
+      if (relative(a, b, c, e) == as_is)
+        fail("/pattern/direction_circles",
+             "the four look the same after a turn or a reflection, so that the pattern's direction is ambiguous.");
+  }
+
+  TargetConfig target() const {
+    const Json& t = json_.at("target");
+    TargetConfig target;
+    for (const Json& p : t.at("points_mm")) target.points_mm.push_back(vector3(p));
+    target.led_radius_mm = t.at("led_radius_mm");
+    target.offset_mm = vector3_or_zero(t, "offset_mm");
+    if (target.points_mm.front().norm() > 0)
+      fail("/target/points_mm/0", "found a point off the origin, allowed: [0, 0, 0]. M0 is the target's origin.");
+    Eigen::MatrixXd G(static_cast<Eigen::Index>(target.points_mm.size()) - 1, 3);
+    for (Eigen::Index i = 0; i < G.rows(); ++i)
+      G.row(i) = target.points_mm[static_cast<std::size_t>(i) + 1].transpose();
+    const auto singular = G.jacobiSvd().singularValues();
+    if (!(singular(2) > 1e-2 * singular(0)))
+      fail("/target/points_mm",
+           fmt::format("the points lie in one plane (smallest to largest extent {:.2g}), allowed: at least 0.01. "
+                       "The attitude solvers need depth: raise one LED.",
+                       singular(2) / singular(0)));
+    for (std::size_t i = 0; i < target.points_mm.size(); ++i)
+      for (std::size_t j = i + 1; j < target.points_mm.size(); ++j)
+        if ((target.points_mm[i] - target.points_mm[j]).norm() < 2 * target.led_radius_mm)
+          fail(fmt::format("/target/points_mm/{}", j), fmt::format("overlaps point {}.", i));
+    return target;
+  }
+
+  SimulationConfig simulation(const RigFile& rig) const {
+    const Json& s = json_.at("simulation");
+    SimulationConfig sim;
+    sim.seed = s.at("seed");
+    const Json& lens = s.at("lens");
+    sim.lens.focal_px = lens.at("focal_px");
+    sim.lens.principal_point_px = vector2(lens.at("principal_point_px"));
+    if (lens.contains("radial")) sim.lens.radial = lens.at("radial").get<std::array<double, 3>>();
+    if (lens.contains("decentring")) sim.lens.decentring = lens.at("decentring").get<std::array<double, 2>>();
+    sim.lens.sensor_tilt_deg = vector2_or_zero(lens, "sensor_tilt_deg");
+    sim.lens.pupil_walk_mm_per_rad2 = lens.value("pupil_walk_mm_per_rad2", 0.0);
+    sim.camera_position_mm = s.contains("camera_position_mm") ? vector3(s.at("camera_position_mm"))
+                                                              : Vector3d(0, 0, rig.camera.nominal_height_mm);
+    sim.camera_rotation_deg = vector3_or_zero(s, "camera_rotation_deg");
+    sim.stage_squareness_deg = vector2_or_zero(s, "stage_squareness_deg");
+    sim.plane_from_gimbal_deg = vector3_or_zero(s, "plane_from_gimbal_deg");
+    sim.table_from_target_deg = vector3_or_zero(s, "table_from_target_deg");
+    sim.target_offset_error_mm = vector3_or_zero(s, "target_offset_error_mm");
+    sim.target_errors_mm.assign(rig.target.points_mm.size(), Vector3d::Zero());
+    if (s.contains("target_errors_mm")) {
+      const Json& errors = s.at("target_errors_mm");
+      if (errors.size() != sim.target_errors_mm.size())
+        fail("/simulation/target_errors_mm", fmt::format("found {} rows, allowed: one per target point, {}.",
+                                                         errors.size(), sim.target_errors_mm.size()));
+      for (std::size_t i = 0; i < errors.size(); ++i) sim.target_errors_mm[i] = vector3(errors.at(i));
+    }
+    for (const AxisId id : kAllAxes) {
+      AxisTruth truth;
+      const std::string name(axis_name(id)), unit(axis_unit(id));
+      if (s.contains("axes") && s.at("axes").contains(name)) {
+        const Json& a = s.at("axes").at(name);
+        truth.repeatability = a.value("repeatability_" + unit, 0.0);
+        truth.backlash = a.value("backlash_" + unit, 0.0);
+        truth.worm_amplitude = a.value("worm_amplitude_" + unit, 0.0);
+        truth.home_offset = a.value("home_offset_" + unit, 0.0);
+      }
+      sim.axes[id] = truth;
+    }
+    const Json& image = s.at("image");
+    sim.image = {image.at("background_grey"),    image.at("led_peak_grey"),
+                 image.at("circle_dark_grey"),   image.at("circle_bright_grey"),
+                 image.at("blur_px"),            image.value("read_noise_grey", 0.0),
+                 image.value("electrons_per_grey", 0.0)};
+    return sim;
+  }
+
+  const Json& json_;
+  std::string name_;
+  const std::filesystem::path& folder_;
+};
+
+}  // namespace
+
+std::string_view axis_name(AxisId axis) { return kAxisNames.at(static_cast<std::size_t>(axis)); }
+
+AxisId axis_from_name(std::string_view name) {
+  for (const AxisId id : kAllAxes)
+    if (axis_name(id) == name) return id;
+  throw std::out_of_range("no axis of this name");
+}
+
+std::string_view axis_unit(AxisId axis) { return axis == AxisId::kStage ? "mm" : "deg"; }
+
+std::string_view payload_name(Payload payload) {
+  return payload == Payload::kCirclePattern ? "circle_pattern" : "led_target";
+}
+
+const ControllerConfig& RigFile::controller(const std::string& controller_name) const {
+  return *std::ranges::find(controllers, controller_name, &ControllerConfig::name);
+}
+
+bool RigFile::simulated() const {
+  return camera.model == "simulated" || std::ranges::any_of(controllers, [](const ControllerConfig& c) {
+           return c.line.kind == LineConfig::Kind::kSimulated;
+         });
+}
+
+RigFile parse_rig_file(const std::string& text, const std::string& name,
+                       const std::filesystem::path& folder) {
+  const Json json = parse_json(text, name, "rig");
+  RigFile rig = Reader(json, name, folder).read();
+  rig.source = text;
+  return rig;
+}
+
+RigFile load_rig_file(const std::filesystem::path& file) {
+  return parse_rig_file(read_text(file), file.string(), file.parent_path());
+}
+
+}  // namespace turntable

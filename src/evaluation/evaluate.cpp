@@ -1,0 +1,293 @@
+#include "src/evaluation/evaluate.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <optional>
+
+#include "src/core/errors.h"
+#include "src/core/parallel.h"
+#include "src/core/units.h"
+#include "src/record/csv.h"
+#include "src/vision/matching.h"
+#include "src/vision/spots.h"
+
+namespace turntable {
+namespace {
+
+GimbalAngles degrees(const GimbalAngles& rad) {
+  return {deg_from_rad(rad.yaw), deg_from_rad(rad.roll), deg_from_rad(rad.pitch)};
+}
+
+/// Everything about the rig and the camera that is the same for every pose.
+struct Setting {
+  const RunFolder& folder;
+  const RigFile& rig;
+  const Calibration& calibration;
+  const EvaluateOptions& options;
+  Gimbal gimbal;
+  TargetModel target;
+  double gate_mm;  ///< a quarter of the smallest distance between two LEDs: beyond it a match means nothing
+};
+
+double smallest_distance(const std::vector<Vector3d>& points) {
+  double smallest = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < points.size(); ++i)
+    for (std::size_t j = i + 1; j < points.size(); ++j)
+      smallest = std::min(smallest, (points[i] - points[j]).norm());
+  return smallest;
+}
+
+std::vector<Vector2d> spot_centres(const TakenImage& taken, const Setting& s) {
+  std::vector<Vector2d> centres;
+  if (s.options.spots == SpotSource::kImages && !taken.file.empty()) {
+    const Image image = load_image(s.folder, taken);
+    if (image.size() != s.calibration.irt.image_size())
+      throw ConfigError((s.folder.root() / taken.file).string(), "",
+                        fmt::format("found {} x {} px, allowed: {} x {} px, the size the camera was calibrated at. "
+                                    "Calibrate again at this size.",
+                                    image.width, image.height, s.calibration.irt.image_size().width,
+                                    s.calibration.irt.image_size().height));
+    for (const Spot& spot : find_spots(image).spots) centres.push_back(spot.centre_px);
+  } else if (taken.spots) {
+    for (const TakenSpot& spot : *taken.spots) centres.emplace_back(spot.u_px, spot.v_px);
+  }
+  return centres;
+}
+
+/// Spot of every LED, averaged over the images of the pose in which all were matched.
+std::optional<std::vector<Vector2d>> matched_points(const TakenPose& pose, const Setting& s, EvaluatedPose& out,
+                                                    std::string& status) {
+  const Matrix3d R = s.gimbal.rotation(pose.angles());
+  const Vector3d origin = s.gimbal.centre_mm(pose.stage.position) + R * s.rig.target.offset_mm;
+  std::vector<Vector3d> predicted;
+  for (const Vector3d& p : s.rig.target.points_mm) predicted.push_back(R * p + origin);
+
+  std::vector<Vector2d> sum(predicted.size(), Vector2d::Zero());
+  int used = 0;
+  for (std::size_t k = 0; k < pose.images.size(); ++k) {
+    const std::vector<Vector2d> centres = spot_centres(pose.images[k], s);
+    if (k == 0) out.spots = static_cast<int>(centres.size());
+    std::vector<Ray> rays;
+    for (const Vector2d& c : centres) rays.push_back(s.calibration.irt.ray(c));
+    const Match match = match_to_prediction(predicted, rays, s.calibration.irt.planes(), s.gate_mm);
+    status = match_status_name(match.status);
+    if (match.status != MatchStatus::kMatched) continue;
+    for (std::size_t i = 0; i < sum.size(); ++i) sum[i] += centres[static_cast<std::size_t>(match.ray_of_point[i])];
+    ++used;
+  }
+  if (used == 0) return std::nullopt;
+  for (Vector2d& p : sum) p /= used;
+  return sum;
+}
+
+/// Attitude in the plane frame by one solver.
+struct Attitude {
+  std::optional<Matrix3d> R_plane_from_target;
+  std::string status;
+  int iterations = 0;
+  double residual = 0.0;
+};
+
+Attitude solve(const Solver& solver, const std::vector<Vector2d>& points_px, const Setting& s) {
+  Observation observation;
+  std::array<Ray, kMaxTargetPoints> rays;
+  std::array<Vector2d, kMaxTargetPoints> normalised;
+  const PinholeModel* pinhole = nullptr;
+  if (solver.sight == Sight::kRays) {
+    for (std::size_t i = 0; i < points_px.size(); ++i) rays[i] = s.calibration.irt.ray(points_px[i]);
+    observation.rays = std::span(rays).first(points_px.size());
+    observation.planes = s.calibration.irt.planes();
+  } else {
+    pinhole = solver.sight == Sight::kPinholeRaw ? &*s.calibration.pinhole : &*s.calibration.pinhole_distorted;
+    for (std::size_t i = 0; i < points_px.size(); ++i) normalised[i] = pinhole->normalise(points_px[i]);
+    observation.normalised = std::span(normalised).first(points_px.size());
+  }
+  const Solution solution = solver(s.target, observation);
+  Attitude out;
+  out.status = status_name(solution.status);
+  out.iterations = solution.iterations;
+  out.residual = pinhole ? solution.residual * pinhole->fx : solution.residual;
+  if (solution.has_attitude())
+    out.R_plane_from_target = pinhole ? pinhole->R_plane_from_camera * solution.R : solution.R;
+  return out;
+}
+
+bool can_serve(const Calibration& c, const Solver& solver) {
+  switch (solver.sight) {
+    case Sight::kRays: return true;
+    case Sight::kPinholeRaw: return c.pinhole.has_value();
+    case Sight::kPinholeUndistorted: return c.pinhole_distorted.has_value();
+  }
+  return false;
+}
+
+std::vector<const Solver*> chosen_solvers(const Calibration& calibration, const EvaluateOptions& options) {
+  std::vector<const Solver*> chosen = options.solvers;
+  if (chosen.empty()) {
+    for (const Solver& solver : kSolvers)
+      if (can_serve(calibration, solver)) chosen.push_back(&solver);
+    return chosen;
+  }
+  for (const Solver* solver : chosen)
+    if (!can_serve(calibration, *solver))
+      throw ConfigError(calibration.source, "",
+                        fmt::format("solver {} needs a pinhole calibration, which this camera file does not have. "
+                                    "Choose a ray solver or calibrate with tilted views.",
+                                    solver->name));
+  return chosen;
+}
+
+}  // namespace
+
+Evaluation evaluate(const RunRecord& record, const RunFolder& folder, const RigFile& rig,
+                    const Calibration& calibration, const EvaluateOptions& options) {
+  const Setting setting{folder,
+                        rig,
+                        calibration,
+                        options,
+                        Gimbal(rig.gimbal),
+                        TargetModel(rig.target.points_mm),
+                        0.25 * smallest_distance(rig.target.points_mm)};
+  Evaluation evaluation;
+  evaluation.solvers = chosen_solvers(calibration, options);
+
+  std::map<std::string, const TakenPose*> taken_by_id;
+  for (const TakenPose& pose : record.poses) taken_by_id[pose.planned.id] = &pose;
+  std::vector<const TakenPose*> taken;
+  for (const PlannedPose& planned : record.plan.poses) {
+    if (record.plan.scenario_of(planned).kind != ScenarioKind::kAttitude) continue;
+    const auto it = taken_by_id.find(planned.id);
+    taken.push_back(it == taken_by_id.end() ? nullptr : it->second);
+    EvaluatedPose& pose = evaluation.poses.emplace_back();
+    pose.planned = planned;
+  }
+
+  // First every attitude by itself, on all cores; then, in order, relative to the initial poses.
+  std::vector<std::vector<Attitude>> attitudes(taken.size());
+  std::atomic<std::size_t> done{0};
+  parallel_for(taken.size(), [&](std::size_t i) {
+    EvaluatedPose& pose = evaluation.poses[i];
+    attitudes[i].resize(evaluation.solvers.size());
+    for (Attitude& a : attitudes[i]) a.status = "not taken";
+    if (taken[i] != nullptr) {
+      pose.taken = true;
+      pose.missed = taken[i]->missed();
+      pose.stage_mm = taken[i]->stage.position;
+      pose.read_back_deg = degrees(taken[i]->angles());
+      std::string status = "no image";
+      if (const auto points = matched_points(*taken[i], setting, pose, status)) {
+        pose.points_px = *points;
+        pose.in_domain = std::ranges::all_of(
+            *points, [&](const Vector2d& p) { return calibration.irt.in_domain(p); });
+        for (std::size_t k = 0; k < evaluation.solvers.size(); ++k)
+          attitudes[i][k] = solve(*evaluation.solvers[k], *points, setting);
+      } else {
+        for (Attitude& a : attitudes[i]) a.status = status;
+      }
+    }
+    if (options.progress) options.progress(++done, taken.size());
+  });
+
+  std::map<std::pair<std::size_t, int>, std::size_t> reference;  // (scenario, repeat) -> pose
+  for (std::size_t i = 0; i < evaluation.poses.size(); ++i)
+    if (evaluation.poses[i].planned.role == PoseRole::kReference)
+      reference[{evaluation.poses[i].planned.scenario, evaluation.poses[i].planned.repeat}] = i;
+
+  for (std::size_t i = 0; i < evaluation.poses.size(); ++i) {
+    EvaluatedPose& pose = evaluation.poses[i];
+    const auto initial = reference.find({pose.planned.scenario, pose.planned.repeat});
+    for (std::size_t k = 0; k < evaluation.solvers.size(); ++k) {
+      const Attitude& attitude = attitudes[i][k];
+      PoseResult result;
+      result.solver = evaluation.solvers[k];
+      result.status = attitude.status;
+      result.iterations = attitude.iterations;
+      result.residual = attitude.residual;
+      if (attitude.R_plane_from_target) {
+        const bool referenced =
+            initial != reference.end() && attitudes[initial->second][k].R_plane_from_target.has_value();
+        if (referenced) {
+          const TakenPose& at_start = *taken[initial->second];
+          const Matrix3d R_measured = relative_attitude(*attitude.R_plane_from_target,
+                                                        *attitudes[initial->second][k].R_plane_from_target);
+          const Matrix3d R_true = relative_attitude(setting.gimbal.rotation(taken[i]->angles()),
+                                                    setting.gimbal.rotation(at_start.angles()));
+          result.measured = true;
+          result.angles_deg = degrees(setting.gimbal.angles(R_measured));
+          result.error = pose_error(setting.gimbal, R_measured, R_true);
+        } else {
+          result.status = "initial pose not measured";
+        }
+      }
+      pose.results.push_back(std::move(result));
+    }
+  }
+  return evaluation;
+}
+
+std::vector<RepeatStatistics> repeat_statistics(const Evaluation& evaluation) {
+  std::vector<RepeatStatistics> out;
+  std::map<std::pair<std::size_t, int>, std::vector<const EvaluatedPose*>> groups;
+  for (const EvaluatedPose& pose : evaluation.poses)
+    if (pose.planned.role == PoseRole::kMeasure)
+      groups[{pose.planned.scenario, pose.planned.repeat}].push_back(&pose);
+  for (const auto& [key, poses] : groups)
+    for (std::size_t k = 0; k < evaluation.solvers.size(); ++k) {
+      std::vector<PoseError> errors;
+      RepeatStatistics row;
+      row.scenario = key.first;
+      row.repeat = key.second;
+      row.solver = evaluation.solvers[k];
+      for (const EvaluatedPose* pose : poses) {
+        if (!pose->results[k].measured) continue;
+        errors.push_back(pose->results[k].error);
+        if (!pose->in_domain) ++row.outside_domain;
+      }
+      row.statistics = error_statistics(errors, poses.size() - errors.size());
+      out.push_back(row);
+    }
+  return out;
+}
+
+std::size_t failed_results(const Evaluation& evaluation) {
+  std::size_t failed = 0;
+  for (const EvaluatedPose& pose : evaluation.poses)
+    failed += static_cast<std::size_t>(
+        std::ranges::count_if(pose.results, [](const PoseResult& r) { return !r.measured; }));
+  return failed;
+}
+
+void write_poses_csv(const Evaluation& evaluation, const Plan& plan, const std::filesystem::path& file) {
+  Csv csv({"index", "id", "scenario", "repeat", "point", "role", "solver", "status", "measured", "in_domain",
+           "missed", "spots", "stage_mm", "turntable_yaw_deg", "turntable_roll_deg", "turntable_pitch_deg",
+           "measured_yaw_deg", "measured_roll_deg", "measured_pitch_deg", "error_yaw_deg", "error_roll_deg",
+           "error_pitch_deg", "error_geodesic_deg", "iterations", "residual", "residual_unit"});
+  constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+  for (const EvaluatedPose& pose : evaluation.poses)
+    for (const PoseResult& r : pose.results) {
+      const auto if_taken = [&](double x) { return pose.taken ? x : kNone; };
+      const auto if_measured = [&](double x) { return r.measured ? x : kNone; };
+      csv.integer(static_cast<std::int64_t>(pose.planned.index)).text(pose.planned.id);
+      csv.text(plan.scenario_of(pose.planned).name).integer(pose.planned.repeat).integer(pose.planned.point);
+      csv.text(role_name(pose.planned.role)).text(r.solver->name).text(r.status);
+      csv.integer(r.measured).integer(pose.in_domain).integer(pose.missed).integer(pose.spots);
+      csv.number(if_taken(pose.stage_mm), 5).number(if_taken(pose.read_back_deg.yaw), 5);
+      csv.number(if_taken(pose.read_back_deg.roll), 5).number(if_taken(pose.read_back_deg.pitch), 5);
+      csv.number(if_measured(r.angles_deg.yaw), 6).number(if_measured(r.angles_deg.roll), 6);
+      csv.number(if_measured(r.angles_deg.pitch), 6);
+      csv.number(if_measured(r.error.yaw_deg), 6).number(if_measured(r.error.roll_deg), 6);
+      csv.number(if_measured(r.error.pitch_deg), 6).number(if_measured(r.error.geodesic_deg), 6);
+      csv.integer(r.iterations).number(if_measured(r.residual), 6);
+      csv.text(r.solver->sight == Sight::kRays ? "mm" : "px");
+      csv.end_row();
+    }
+  csv.write(file);
+}
+
+}  // namespace turntable

@@ -1,0 +1,77 @@
+#include "src/record/atomic_file.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <utility>
+
+#include "src/core/errors.h"
+
+namespace turntable {
+namespace {
+
+[[noreturn]] void fail(const std::filesystem::path& file, const char* what, int error) {
+  const char* advice = "";
+  if (error == ENOSPC || error == EDQUOT || error == EFBIG) advice = " Make room and run again.";
+  if (error == EROFS || error == EACCES || error == EPERM) advice = " Choose a folder that can be written.";
+  throw RecordError(
+      fmt::format("{}: {} failed: {}.{}", file.string(), what, std::strerror(error), advice));
+}
+
+}  // namespace
+
+void sync_folder(const std::filesystem::path& folder) {
+  const std::filesystem::path where = folder.empty() ? "." : folder;
+  const int fd = ::open(where.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (fd < 0) fail(where, "opening the folder", errno);
+  const int result = ::fsync(fd);
+  const int error = errno;
+  ::close(fd);
+  if (result != 0) fail(where, "syncing the folder", error);
+}
+
+StagedFile::StagedFile(const std::filesystem::path& file, std::string_view bytes)
+    : target_(file), temporary_(file.string() + fmt::format(".tmp{}", ::getpid())) {
+  const int fd = ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+  if (fd < 0) fail(target_, "creating it", errno);
+  const auto give_up = [&](const char* what) {
+    const int error = errno;
+    ::close(fd);
+    ::unlink(temporary_.c_str());
+    fail(target_, what, error);
+  };
+  while (!bytes.empty()) {
+    const ssize_t n = ::write(fd, bytes.data(), bytes.size());
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) give_up("writing");
+    bytes.remove_prefix(static_cast<std::size_t>(n));
+  }
+  if (::fsync(fd) != 0) give_up("syncing");
+  if (::close(fd) != 0) {
+    const int error = errno;
+    ::unlink(temporary_.c_str());
+    fail(target_, "closing", error);
+  }
+}
+
+StagedFile::StagedFile(StagedFile&& other) noexcept
+    : target_(std::move(other.target_)), temporary_(std::exchange(other.temporary_, {})) {}
+
+StagedFile::~StagedFile() {
+  if (!temporary_.empty()) ::unlink(temporary_.c_str());
+}
+
+void StagedFile::commit() {
+  if (::rename(temporary_.c_str(), target_.c_str()) != 0) fail(target_, "renaming", errno);
+  temporary_.clear();
+}
+
+void write_atomically(const std::filesystem::path& file, std::string_view bytes) {
+  StagedFile(file, bytes).commit();
+  sync_folder(file.parent_path());
+}
+
+}  // namespace turntable

@@ -1,0 +1,152 @@
+#include "src/record/image_archive.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <boost/crc.hpp>
+#include <cstring>
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <vector>
+
+#include "src/core/errors.h"
+#include "src/core/json_document.h"
+#include "src/record/atomic_file.h"
+#include "src/record/sha256.h"
+
+namespace turntable {
+namespace {
+
+constexpr std::array<std::string_view, 3> kModeNames{"full", "regions", "none"};
+
+std::uint32_t big_endian(std::string_view bytes, std::size_t at) {
+  std::uint32_t value = 0;
+  for (std::size_t i = 0; i < 4; ++i) value = (value << 8u) | static_cast<unsigned char>(bytes[at + i]);
+  return value;
+}
+
+/// What is wrong with a PNG file that should hold an 8-bit grey image; empty if nothing is. libpng hands out what
+/// it has got of a cut file and complains on stderr only, so the chunks are walked before it sees them.
+std::string complaint(std::string_view png) {
+  using namespace std::string_view_literals;
+  constexpr std::string_view kSignature = "\x89PNG\r\n\x1a\n"sv;
+  if (png.empty()) return "the file is empty. Take the image again or restore it from a copy.";
+  if (!png.starts_with(kSignature.substr(0, std::min(png.size(), kSignature.size()))))
+    return "this is not a PNG image. Convert it to an 8-bit grey PNG.";
+  const std::string cut = "the file is cut off. Take the image again or restore it from a copy.";
+  std::size_t at = kSignature.size();
+  bool first = true;
+  for (;;) {
+    if (png.size() < at + 12) return cut;
+    const std::size_t length = big_endian(png, at);
+    if (length > png.size() - at - 12) return cut;
+    const std::string_view type_and_data = png.substr(at + 4, 4 + length);
+    boost::crc_32_type crc;
+    crc.process_bytes(type_and_data.data(), type_and_data.size());
+    if (crc.checksum() != big_endian(png, at + 8 + length))
+      return "the file is damaged (a checksum inside it is wrong). Take the image again or restore it from a copy.";
+    const std::string_view type = type_and_data.substr(0, 4);
+    if (first) {
+      if (type != "IHDR" || length != 13) return "this is not a PNG image. Convert it to an 8-bit grey PNG.";
+      const int depth = static_cast<unsigned char>(type_and_data[12]);
+      const int colour = static_cast<unsigned char>(type_and_data[13]);
+      if (colour != 0)
+        return "found a colour, palette or transparent image, allowed: 8-bit grey. Convert it to grey.";
+      if (depth != 8)
+        return fmt::format("found {} bits per pixel, allowed: 8-bit grey. Convert it, or set the camera to 8 bit.",
+                           depth);
+      first = false;
+    }
+    if (type == "IEND") return {};
+    at += 12 + length;
+  }
+}
+
+}  // namespace
+
+std::string_view archive_mode_name(ArchiveMode mode) {
+  return kModeNames.at(static_cast<std::size_t>(mode));
+}
+
+ArchiveMode archive_mode_from_name(std::string_view name) {
+  for (std::size_t i = 0; i < kModeNames.size(); ++i)
+    if (kModeNames[i] == name) return static_cast<ArchiveMode>(i);
+  throw ConfigError("images", "",
+                    fmt::format("found \"{}\", allowed: {}.", name, fmt::join(kModeNames, ", ")));
+}
+
+Image keep_regions(ImageView image, std::span<const Region> regions, int margin_px) {
+  if (image.empty()) return {};
+  std::uint8_t lowest = 255;
+  std::uint8_t highest = 0;
+  int max_u = 0;
+  int max_v = 0;
+  for (int v = 0; v < image.height; ++v) {
+    const auto [low, high] = std::minmax_element(image.row(v), image.row(v) + image.width);
+    lowest = std::min(lowest, *low);
+    if (*high > highest || v == 0) {
+      highest = *high;
+      max_u = static_cast<int>(high - image.row(v));
+      max_v = v;
+    }
+  }
+  Image out(image.size(), lowest);
+  const auto keep = [&](int left, int top, int right, int bottom) {
+    left = std::max(left, 0);
+    right = std::min(right, image.width - 1);
+    if (left > right) return;
+    for (int v = std::max(top, 0); v <= std::min(bottom, image.height - 1); ++v)
+      std::copy(image.row(v) + left, image.row(v) + right + 1, out.row(v) + left);
+  };
+  for (const Region& r : regions)
+    keep(r.left - margin_px, r.top - margin_px, r.right + margin_px, r.bottom + margin_px);
+  keep(max_u, max_v, max_u, max_v);
+  return out;
+}
+
+std::string encode_png(ImageView image) {
+  // OpenCV's own settings (SUB filter, level 1, run lengths) were the fastest of ten tried on 1024 x 1024 px:
+  // 13 ms and 0.47 MB with noise, 3 ms and 10 kB with four regions.
+  if (image.empty()) throw RecordError("an empty image cannot be archived");
+  try {
+    const cv::Mat pixels(image.height, image.width, CV_8UC1, const_cast<std::uint8_t*>(image.data),
+                         static_cast<std::size_t>(image.stride));
+    std::vector<unsigned char> bytes;
+    if (!cv::imencode(".png", pixels, bytes)) throw RecordError("an image cannot be encoded as PNG");
+    return {bytes.begin(), bytes.end()};
+  } catch (const cv::Exception& e) {
+    throw RecordError(std::string("an image cannot be encoded as PNG: ") + e.what());
+  }
+}
+
+std::string write_image(const std::filesystem::path& file, ImageView image) {
+  const std::string bytes = encode_png(image);
+  write_atomically(file, bytes);
+  return sha256_hex(bytes);
+}
+
+Image load_image(const std::filesystem::path& file, std::string_view sha256) {
+  std::string bytes = read_text(file);
+  if (const std::string wrong = complaint(bytes); !wrong.empty())
+    throw ConfigError(file.string(), "", wrong);
+  if (!sha256.empty() && sha256_hex(bytes) != sha256)
+    throw ConfigError(file.string(), "",
+                      "the image is not the one that was taken: its SHA-256 differs from the journal's. "
+                      "Restore it from a copy.");
+  cv::Mat pixels;
+  try {
+    pixels = cv::imdecode(cv::Mat(1, static_cast<int>(bytes.size()), CV_8UC1, bytes.data()),
+                          cv::IMREAD_UNCHANGED);
+  } catch (const cv::Exception&) {  // an empty image is answered below
+  }
+  if (pixels.empty() || pixels.type() != CV_8UC1)
+    throw ConfigError(file.string(), "",
+                      "the image cannot be decoded. Take it again or restore it from a copy.");
+  Image out({pixels.cols, pixels.rows}, 0);
+  for (int v = 0; v < out.height; ++v)
+    std::memcpy(out.row(v), pixels.ptr(v), static_cast<std::size_t>(out.width));
+  return out;
+}
+
+}  // namespace turntable

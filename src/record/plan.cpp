@@ -1,0 +1,206 @@
+#include "src/record/plan.h"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+#include <unordered_map>
+#include <unordered_set>
+
+#include "src/core/errors.h"
+#include "src/core/units.h"
+#include "src/record/csv.h"
+#include "src/record/sha256.h"
+
+namespace turntable {
+namespace {
+
+constexpr std::array<std::string_view, 2> kKindNames{"calibration", "attitude"};
+constexpr std::array<std::string_view, 5> kRoleNames{"reference", "measure", "plane_fit", "plane_check",
+                                                     "pinhole_view"};
+
+/// Index of a name that the schema has already checked.
+template <class Enum, std::size_t N>
+Enum from_name(const std::array<std::string_view, N>& names, const std::string& name) {
+  return static_cast<Enum>(std::ranges::find(names, name) - names.begin());
+}
+
+/// What makes a pose itself; a thousandth of an arc second apart is apart.
+std::string pose_key(const PlannedPose& pose, std::string_view scenario_name) {
+  return fmt::format("{}|{}|{}|{}|{}|{}|{}|{}", scenario_name, role_name(pose.role),
+                     payload_name(pose.payload), fixed(pose.stage_mm, 9), fixed(pose.yaw_deg, 9),
+                     fixed(pose.roll_deg, 9), fixed(pose.pitch_deg, 9), pose.repeat);
+}
+
+std::string id_of_key(const std::string& key, int occurrence) {
+  return sha256_hex(fmt::format("{}|{}", key, occurrence)).substr(0, 16);
+}
+
+std::vector<std::string> expected_ids(const Plan& plan) {
+  std::unordered_map<std::string, int> visits;
+  std::vector<std::string> ids;
+  ids.reserve(plan.poses.size());
+  for (const PlannedPose& pose : plan.poses) {
+    const std::string key = pose_key(pose, plan.scenario_of(pose).name);
+    ids.push_back(id_of_key(key, visits[key]++));
+  }
+  return ids;
+}
+
+Json frozen_json(const FrozenText& frozen) {
+  return {{"file", frozen.file}, {"sha256", frozen.sha256}, {"text", frozen.text}};
+}
+
+Json scenario_json(const ScenarioInfo& s) {
+  Json json{{"name", s.name},       {"title", s.title},
+            {"file", s.file},       {"kind", scenario_kind_name(s.kind)},
+            {"repeats", s.repeats}, {"axes", Json::array()}};
+  if (s.table) json["table"] = *s.table;
+  if (s.kind == ScenarioKind::kCalibration) json["polynomial_order"] = s.polynomial_order;
+  for (const AxisId axis : s.axes) json["axes"].push_back(axis_name(axis));
+  return json;
+}
+
+Json pose_json(const PlannedPose& p) {
+  return {{"id", p.id},
+          {"scenario", p.scenario},
+          {"role", role_name(p.role)},
+          {"payload", payload_name(p.payload)},
+          {"repeat", p.repeat},
+          {"point", p.point},
+          {"stage_mm", p.stage_mm},
+          {"yaw_deg", p.yaw_deg},
+          {"roll_deg", p.roll_deg},
+          {"pitch_deg", p.pitch_deg},
+          {"dwell_s", p.dwell_s},
+          {"images", p.images}};
+}
+
+FrozenText read_frozen(const Json& json, const std::string& name, const std::string& pointer) {
+  FrozenText frozen{json.at("file"), json.at("text"), json.at("sha256")};
+  if (sha256_hex(frozen.text) != frozen.sha256)
+    throw ConfigError(name, pointer + "/text",
+                      "the frozen copy does not match its SHA-256: the plan was edited. Make a new plan from the "
+                      "changed file instead.");
+  return frozen;
+}
+
+ScenarioInfo read_scenario(const Json& json) {
+  ScenarioInfo s;
+  s.name = json.at("name");
+  s.title = json.at("title");
+  s.file = json.at("file");
+  s.kind = from_name<ScenarioKind>(kKindNames, json.at("kind"));
+  if (json.contains("table")) s.table = json.at("table").get<int>();
+  s.polynomial_order = json.value("polynomial_order", s.polynomial_order);
+  s.repeats = json.at("repeats");
+  for (const Json& axis : json.at("axes")) s.axes.push_back(axis_from_name(axis.get<std::string>()));
+  return s;
+}
+
+PlannedPose read_pose(const Json& json) {
+  PlannedPose p;
+  p.id = json.at("id");
+  p.scenario = json.at("scenario");
+  p.role = from_name<PoseRole>(kRoleNames, json.at("role"));
+  p.payload = json.at("payload") == payload_name(Payload::kCirclePattern) ? Payload::kCirclePattern
+                                                                          : Payload::kLedTarget;
+  p.repeat = json.at("repeat");
+  p.point = json.at("point");
+  p.stage_mm = json.at("stage_mm");
+  p.yaw_deg = json.at("yaw_deg");
+  p.roll_deg = json.at("roll_deg");
+  p.pitch_deg = json.at("pitch_deg");
+  p.dwell_s = json.at("dwell_s");
+  p.images = json.at("images");
+  return p;
+}
+
+}  // namespace
+
+std::string_view scenario_kind_name(ScenarioKind kind) {
+  return kKindNames.at(static_cast<std::size_t>(kind));
+}
+
+std::string_view role_name(PoseRole role) { return kRoleNames.at(static_cast<std::size_t>(role)); }
+
+double PlannedPose::target(AxisId axis) const {
+  switch (axis) {
+    case AxisId::kStage: return stage_mm;
+    case AxisId::kYaw: return yaw_deg;
+    case AxisId::kRoll: return roll_deg;
+    case AxisId::kPitch: break;
+  }
+  return pitch_deg;
+}
+
+GimbalAngles PlannedPose::angles() const {
+  return {rad_from_deg(yaw_deg), rad_from_deg(roll_deg), rad_from_deg(pitch_deg)};
+}
+
+FrozenText freeze(std::string file, std::string text) {
+  std::string hash = sha256_hex(text);
+  return {std::move(file), std::move(text), std::move(hash)};
+}
+
+std::string pose_id(const PlannedPose& pose, std::string_view scenario_name, int occurrence) {
+  return id_of_key(pose_key(pose, scenario_name), occurrence);
+}
+
+void number_poses(Plan& plan) {
+  std::vector<std::string> ids = expected_ids(plan);
+  for (std::size_t i = 0; i < plan.poses.size(); ++i) {
+    plan.poses[i].index = i;
+    plan.poses[i].id = std::move(ids[i]);
+  }
+}
+
+std::string plan_text(const Plan& plan) {
+  Json head{{"format", "turntable-plan/1"}, {"name", plan.name},           {"title", plan.title},
+            {"rig", frozen_json(plan.rig)}, {"sources", Json::array()}, {"scenarios", Json::array()}};
+  for (const auto& source : plan.sources) head["sources"].push_back(frozen_json(source));
+  for (const auto& scenario : plan.scenarios) head["scenarios"].push_back(scenario_json(scenario));
+  std::string text = head.dump(1);
+  text.resize(text.size() - 2);  // "\n}": the poses follow, a line each
+  text += ",\n \"poses\": [";
+  for (std::size_t i = 0; i < plan.poses.size(); ++i)
+    text += (i == 0 ? "\n  " : ",\n  ") + pose_json(plan.poses[i]).dump();
+  text += "\n ]\n}\n";
+  return text;
+}
+
+Plan parse_plan(std::string_view text, const std::string& name) {
+  const Json json = parse_json(text, name, "plan");
+  Plan plan;
+  plan.name = json.at("name");
+  plan.title = json.at("title");
+  plan.rig = read_frozen(json.at("rig"), name, "/rig");
+  for (std::size_t i = 0; i < json.at("sources").size(); ++i)
+    plan.sources.push_back(read_frozen(json.at("sources")[i], name, fmt::format("/sources/{}", i)));
+  for (const Json& s : json.at("scenarios")) plan.scenarios.push_back(read_scenario(s));
+  const Json& poses = json.at("poses");
+  plan.poses.reserve(poses.size());
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    plan.poses.push_back(read_pose(poses[i]));
+    plan.poses.back().index = i;
+    if (plan.poses.back().scenario >= plan.scenarios.size())
+      throw ConfigError(name, fmt::format("/poses/{}/scenario", i),
+                        fmt::format("found {}, allowed: below {}, the number of scenarios.",
+                                    plan.poses.back().scenario, plan.scenarios.size()));
+  }
+  const std::vector<std::string> ids = expected_ids(plan);
+  std::unordered_set<std::string_view> seen;
+  for (std::size_t i = 0; i < plan.poses.size(); ++i) {
+    if (plan.poses[i].id != ids[i])
+      throw ConfigError(name, fmt::format("/poses/{}/id", i),
+                        fmt::format("found {}, but the pose's targets give {}: the plan was edited. Change the "
+                                    "scenario and make a new plan instead.",
+                                    plan.poses[i].id, ids[i]));
+    if (!seen.insert(ids[i]).second)
+      throw ConfigError(name, fmt::format("/poses/{}/id", i), ids[i] + " is there twice.");
+  }
+  return plan;
+}
+
+Plan load_plan(const std::filesystem::path& file) { return parse_plan(read_text(file), file.string()); }
+
+}  // namespace turntable

@@ -1,0 +1,114 @@
+#include "src/record/run_folder.h"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+#include <unordered_map>
+
+#include "src/core/clock.h"
+#include "src/core/errors.h"
+#include "src/core/units.h"
+#include "src/record/atomic_file.h"
+#include "src/record/image_archive.h"
+#include "src/record/journal.h"
+#include "src/record/pose_document.h"
+
+namespace turntable {
+
+RunFolder RunFolder::create(const std::filesystem::path& root, const Plan& plan) {
+  std::error_code error;
+  const auto status = std::filesystem::status(root, error);
+  if (std::filesystem::exists(status)) {
+    if (!std::filesystem::is_directory(status))
+      throw ConfigError(root.string(), "", "is a file. Choose a new folder for the run.");
+    if (!std::filesystem::is_empty(root, error) || error)
+      throw ConfigError(root.string(), "",
+                        "is not empty: a run is never written over another one. Choose a new folder.");
+  }
+  RunFolder folder(root);
+  for (const auto& path : {folder.root(), folder.images(), folder.tables(), folder.figures()}) {
+    std::filesystem::create_directories(path, error);
+    if (error)
+      throw RecordError(fmt::format("{}: cannot be created: {}. Choose a folder that can be written.",
+                                    path.string(), error.message()));
+  }
+  write_atomically(folder.plan(), plan_text(plan));
+  sync_folder(std::filesystem::absolute(root).parent_path());
+  return folder;
+}
+
+RunFolder RunFolder::open(const std::filesystem::path& root) {
+  RunFolder folder(root);
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(folder.plan(), error))
+    throw ConfigError(root.string(), "", "is no run folder: it holds no plan.json. Name the folder that `run` made.");
+  return folder;
+}
+
+std::filesystem::path RunFolder::default_root(const std::string& name) {
+  return std::filesystem::path("results") / "runs" / (utc_now_compact() + "-" + name);
+}
+
+AxisReadback& TakenPose::axis(AxisId id) {
+  switch (id) {
+    case AxisId::kStage: return stage;
+    case AxisId::kYaw: return yaw;
+    case AxisId::kRoll: return roll;
+    case AxisId::kPitch: break;
+  }
+  return pitch;
+}
+
+const AxisReadback& TakenPose::axis(AxisId id) const { return const_cast<TakenPose&>(*this).axis(id); }
+
+GimbalAngles TakenPose::angles() const {
+  return {rad_from_deg(yaw.position), rad_from_deg(roll.position), rad_from_deg(pitch.position)};
+}
+
+RunRecord read_run(const RunFolder& folder) {
+  RunRecord record;
+  record.plan = load_plan(folder.plan());
+  std::unordered_map<std::string_view, std::size_t> index_of;
+  for (const PlannedPose& pose : record.plan.poses) index_of.emplace(pose.id, pose.index);
+
+  const std::string name = folder.journal().string();
+  std::vector<std::optional<TakenPose>> taken(record.plan.poses.size());
+  const auto readout = read_journal(folder.journal(), [&](const JournalEntry& entry) {
+    try {
+      if (entry.name == "start" && record.start_document.empty()) {
+        record.start_document = entry.doc.dump();
+      } else if (entry.name == "event" && entry.doc.at("data").contains("pose_id")) {
+        const auto id = entry.doc.at("data").at("pose_id").get<std::string>();
+        const auto found = index_of.find(id);
+        if (found == index_of.end())
+          throw ConfigError(name, "",
+                            fmt::format("line {} records pose {}, which the plan does not know. Plan and journal "
+                                        "are of different runs; restore the folder from a copy.",
+                                        entry.seq, id));
+        TakenPose pose = pose_from_data(entry.doc.at("data"));
+        pose.planned = record.plan.poses[found->second];
+        taken[found->second] = std::move(pose);
+      } else if (entry.name == "stop") {
+        record.exit_status = entry.doc.at("exit_status");
+        record.reason = entry.doc.value("reason", "");
+      }
+    } catch (const Json::exception& e) {
+      throw ConfigError(name, "",
+                        fmt::format("line {} is not a document of this program: {}", entry.seq, e.what()));
+    }
+  });
+  record.torn = readout.torn;
+  for (auto& pose : taken)
+    if (pose) record.poses.push_back(std::move(*pose));
+  return record;
+}
+
+Image load_image(const RunFolder& folder, const TakenImage& image) {
+  if (image.file.empty())
+    throw ConfigError(folder.root().string(), "",
+                      "the images of this run were not archived. Run it again with images archived as regions or "
+                      "in full.");
+  return load_image(folder.root() / image.file, image.sha256);
+}
+
+}  // namespace turntable

@@ -1,0 +1,96 @@
+// One run, one folder: what was asked (plan.json), what happened (journal.jsonl, images/), what follows from it.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "src/core/image.h"
+#include "src/record/plan.h"
+
+namespace turntable {
+
+/// Paths of a run. A plain value; `create` and `open` check what is on disk.
+class RunFolder {
+ public:
+  /// Makes the folder with the plan in it. @throws ConfigError if `root` exists and is not an empty folder,
+  /// RecordError if it cannot be written.
+  static RunFolder create(const std::filesystem::path& root, const Plan& plan);
+  /// @throws ConfigError if `root` holds no plan.json.
+  static RunFolder open(const std::filesystem::path& root);
+  /// results/runs/<UTC>-<name>
+  static std::filesystem::path default_root(const std::string& name);
+
+  const std::filesystem::path& root() const { return root_; }
+  std::filesystem::path plan() const { return root_ / "plan.json"; }
+  std::filesystem::path journal() const { return root_ / "journal.jsonl"; }
+  std::filesystem::path images() const { return root_ / "images"; }
+  std::filesystem::path calibration() const { return root_ / "calibration.json"; }
+  std::filesystem::path poses() const { return root_ / "poses.csv"; }
+  std::filesystem::path tables() const { return root_ / "tables"; }
+  std::filesystem::path figures() const { return root_ / "figures"; }
+  std::filesystem::path report() const { return root_ / "report.md"; }
+
+ private:
+  explicit RunFolder(std::filesystem::path root) : root_(std::move(root)) {}
+  std::filesystem::path root_;
+};
+
+/// How one axis stood when a pose was taken; unit of the axis.
+struct AxisReadback {
+  double position = 0.0;
+  bool missed = false;    ///< outside the tolerance after all retries
+  int retries = 0;
+  bool overshot = false;  ///< approached from the far side
+};
+
+/// A spot as the worker saw it in the whole image, before anything was masked.
+struct TakenSpot {
+  double u_px = 0.0, v_px = 0.0;
+  double sigma_px = 0.0;
+  double peak_grey = 0.0;
+  int area_px = 0;
+  bool saturated = false;
+};
+
+struct TakenImage {
+  std::string file;    ///< relative to the run folder ("images/..."); empty if not archived
+  std::string sha256;  ///< of the file; empty if not archived
+  std::uint64_t frame_id = 0;
+  double exposed_s = 0.0;  ///< start of exposure on the rig's clock
+  std::optional<std::vector<TakenSpot>> spots;  ///< LED target only; brightest first
+};
+
+struct TakenPose {
+  PlannedPose planned;
+  AxisReadback stage, yaw, roll, pitch;
+  std::vector<TakenImage> images;
+  double rig_time_s = 0.0;  ///< when the axes had settled, on the rig's clock
+
+  AxisReadback& axis(AxisId id);
+  const AxisReadback& axis(AxisId id) const;
+  GimbalAngles angles() const;  ///< read back, rad
+  bool missed() const { return stage.missed || yaw.missed || roll.missed || pitch.missed; }
+};
+
+/// Plan and journal joined.
+struct RunRecord {
+  Plan plan;
+  std::vector<TakenPose> poses;     ///< taken ones, in the plan's order; of a pose taken twice the later one
+  std::string start_document;       ///< JSON text of the first start document (provenance); empty if none
+  std::string exit_status;          ///< of the last stop document: "success", "abort", "fail"; empty if there is none
+  std::string reason;               ///< why it ended
+  std::optional<std::string> torn;  ///< a last line that was cut off, if so
+
+  bool complete() const { return poses.size() == plan.poses.size(); }
+};
+
+/// @throws ConfigError: damaged plan or journal, an event whose pose is not in the plan.
+RunRecord read_run(const RunFolder& folder);
+
+/// Reads an archived image and checks its hash. @throws ConfigError: altered, missing, or never archived.
+Image load_image(const RunFolder& folder, const TakenImage& image);
+
+}  // namespace turntable

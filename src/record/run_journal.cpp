@@ -1,0 +1,71 @@
+#include "src/record/run_journal.h"
+
+#include <nlohmann/json.hpp>
+
+#include "src/record/pose_document.h"
+
+namespace turntable {
+
+RunJournal::RunJournal(const RunFolder& folder, const Json& start)
+    : journal_(folder.journal()), run_(new_uid()) {
+  Json doc = start;
+  doc["uid"] = run_;
+  doc["time"] = unix_time_s();
+  journal_.append("start", doc);
+  sync();
+}
+
+void RunJournal::event(const std::string& stream, const Json& data, const Json& data_keys) {
+  const double now = unix_time_s();
+  auto [it, fresh] = streams_.try_emplace(stream);
+  if (fresh) {
+    it->second.descriptor = new_uid();
+    journal_.append("descriptor", {{"uid", it->second.descriptor},
+                                   {"run_start", run_},
+                                   {"time", now},
+                                   {"name", stream},
+                                   {"data_keys", data_keys}});
+  }
+  Json timestamps = Json::object();
+  for (const auto& [key, value] : data.items()) timestamps[key] = now;
+  journal_.append("event", {{"uid", new_uid()},
+                            {"descriptor", it->second.descriptor},
+                            {"seq_num", ++it->second.events},
+                            {"time", now},
+                            {"data", data},
+                            {"timestamps", timestamps}});
+}
+
+void RunJournal::baseline(const std::array<double, kAllAxes.size()>& positions) {
+  Json data = Json::object();
+  Json keys = Json::object();
+  for (std::size_t i = 0; i < kAllAxes.size(); ++i) {
+    const std::string axis(axis_name(kAllAxes[i]));
+    const std::string key = axis + "_" + std::string(axis_unit(kAllAxes[i]));
+    data[key] = positions[i];
+    keys[key] = {{"source", "axis:" + axis},
+                 {"dtype", "number"},
+                 {"shape", Json::array()},
+                 {"units", axis_unit(kAllAxes[i])}};
+  }
+  event("baseline", data, keys);
+  sync();
+}
+
+void RunJournal::pose(const TakenPose& taken, std::string_view scenario_name) {
+  event("primary", pose_data(taken, scenario_name), pose_data_keys(taken));
+}
+
+void RunJournal::stop(std::string_view exit_status, const std::string& reason) {
+  Json events = Json::object();
+  for (const auto& [name, stream] : streams_) events[name] = stream.events;
+  journal_.append("stop", {{"uid", new_uid()},
+                           {"run_start", run_},
+                           {"time", unix_time_s()},
+                           {"exit_status", exit_status},
+                           {"reason", reason},
+                           {"num_events", events}});
+  sync();
+}
+
+}  // namespace turntable

@@ -1,0 +1,26 @@
+// Tables 1 and 3-5 in the form of the paper, published values beside ours, as CSV and Markdown.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "src/evaluation/evaluate.h"
+#include "src/imaging/calibration.h"
+#include "src/record/run_folder.h"
+
+namespace turntable {
+
+/// A table that was written.
+struct WrittenTable {
+  std::string name;      ///< "table3", or the scenario's name where it belongs to no published table
+  std::string title;
+  std::string markdown;  ///< the table itself
+};
+
+/// Writes tables/<name>.{csv,md}: table1 from the calibration; tables 3-5 as far as the run has scenarios for them, and
+/// one more per scenario that belongs to none. Repeats of several scenarios in one table are numbered on.
+/// @throws RecordError.
+std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan, const Evaluation& evaluation,
+                                       const Calibration& calibration);
+
+}  // namespace turntable

@@ -1,0 +1,27 @@
+// Which spot is which LED, from where the turntable says the LEDs are.
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include "src/geometry/ray.h"
+
+namespace turntable {
+
+enum class MatchStatus { kMatched, kTooFewSpots, kAmbiguous, kTooFar };
+std::string_view match_status_name(MatchStatus status);
+
+struct Match {
+  MatchStatus status = MatchStatus::kTooFewSpots;
+  std::vector<int> ray_of_point;  ///< index into `rays` per point; meaningful if matched
+  double worst_mm = 0.0;          ///< largest distance of a matched ray from its predicted point
+};
+
+/// Pairs every predicted point (plane frame, mm) with the ray that passes nearest to it. Accepted only if each
+/// pairing is mutual, nearer than `gate_mm`, and each runner-up is at least twice as far: ambiguity is an answer.
+/// A common offset of the whole target is taken out first, since prediction errors are mostly common.
+Match match_to_prediction(std::span<const Vector3d> predicted, std::span<const Ray> rays, const RayPlanes& planes,
+                          double gate_mm);
+
+}  // namespace turntable

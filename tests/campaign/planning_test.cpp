@@ -1,0 +1,279 @@
+#include "src/campaign/planning.h"
+
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "src/campaign/motion_time.h"
+#include "src/core/errors.h"
+#include "tests/support/temporary_folder.h"
+
+namespace turntable {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+const std::filesystem::path kScenarios = std::filesystem::path(TURNTABLE_SOURCE_DIR) / "scenarios";
+
+RigFile rig() { return load_rig_file(kScenarios / "rigs" / "simulated.json"); }
+
+Campaign single(const std::string& ranges, const std::string& rest = "") {
+  Campaign campaign;
+  campaign.name = campaign.title = "s";
+  campaign.scenarios.push_back(parse_scenario(
+      R"({"format": "turntable-scenario/1", "name": "s", "title": "S", "kind": "attitude", "stage_mm": 120)" + rest +
+          R"(, "ranges": )" + ranges + "}",
+      "s.json"));
+  return campaign;
+}
+
+constexpr const char* kTwoAxes = R"([{"axis": "pitch", "values_deg": [-10, 0, 10]}, {"axis": "yaw", "values_deg": [1, 2]}])";
+
+std::vector<std::pair<double, double>> pitch_and_yaw(const Plan& plan) {
+  std::vector<std::pair<double, double>> out;
+  for (const auto& pose : plan.poses) out.emplace_back(pose.pitch_deg, pose.yaw_deg);
+  return out;
+}
+
+std::pair<std::string, std::string> refusal(const Plan& plan, const RigFile& rig_file, const CheckOptions& options = {}) {
+  try {
+    check_plan(plan, rig_file, options);
+    return {"accepted", ""};
+  } catch (const ConfigError& e) {
+    return {e.file() + " " + e.pointer(), e.what()};
+  }
+}
+
+TEST(Plan, BeginsEachRepeatWithAReferencePose) {
+  const Plan plan = plan_campaign(single(kTwoAxes, R"(, "repeats": 2, "images_per_pose": 3, "dwell_ms": 250)"), rig());
+  ASSERT_EQ(plan.poses.size(), 14u);
+  for (const std::size_t i : {0u, 7u}) {
+    EXPECT_EQ(plan.poses[i].role, PoseRole::kReference);
+    EXPECT_EQ(plan.poses[i].point, 0);
+    EXPECT_EQ(plan.poses[i].yaw_deg, 0.0);
+    EXPECT_EQ(plan.poses[i].pitch_deg, 0.0);
+    EXPECT_EQ(plan.poses[i].stage_mm, 120.0);
+  }
+  EXPECT_EQ(plan.poses[13].repeat, 2);
+  EXPECT_EQ(plan.poses[13].point, 6);
+  EXPECT_EQ(plan.poses[13].images, 3);
+  EXPECT_EQ(plan.poses[13].dwell_s, 0.25);
+}
+
+TEST(Plan, AsWrittenStartsInnerRangesAgain) {
+  EXPECT_THAT(pitch_and_yaw(plan_campaign(single(kTwoAxes), rig())),
+              ::testing::ElementsAre(std::pair(0, 0), std::pair(-10, 1), std::pair(-10, 2), std::pair(0, 1),
+                                     std::pair(0, 2), std::pair(10, 1), std::pair(10, 2)));
+}
+
+TEST(Plan, SnakeMovesOneAxisByOneStepFromPoseToPose) {
+  EXPECT_THAT(pitch_and_yaw(plan_campaign(single(kTwoAxes, R"(, "order": "snake")"), rig())),
+              ::testing::ElementsAre(std::pair(0, 0), std::pair(-10, 1), std::pair(-10, 2), std::pair(0, 2),
+                                     std::pair(0, 1), std::pair(10, 1), std::pair(10, 2)));
+  const Plan plan = plan_campaign(load_campaign(kScenarios / "triaxial_xyz.json"), rig());
+  std::set<std::array<double, 3>> visited;
+  for (std::size_t i = 1; i < plan.poses.size(); ++i) {
+    const PlannedPose &a = plan.poses[i - 1], &b = plan.poses[i];
+    EXPECT_TRUE(visited.insert({b.yaw_deg, b.roll_deg, b.pitch_deg}).second);
+    if (i == 1) continue;
+    EXPECT_DOUBLE_EQ(std::abs(a.yaw_deg - b.yaw_deg) + std::abs(a.roll_deg - b.roll_deg) +
+                         std::abs(a.pitch_deg - b.pitch_deg),
+                     5.0);
+  }
+  EXPECT_EQ(visited.size(), 9u * 9u * 13u);
+}
+
+TEST(Plan, OfThePublishedCampaignHasItsPosesRepeatsAndTables) {
+  const Plan plan = plan_campaign(load_campaign(kScenarios / "campaigns" / "paper_2019.json"), rig());
+  std::vector<std::size_t> counts(plan.scenarios.size());
+  std::set<std::string> ids;
+  for (const auto& pose : plan.poses) {
+    ++counts[pose.scenario];
+    EXPECT_TRUE(ids.insert(pose.id).second);
+  }
+  EXPECT_THAT(counts, ::testing::ElementsAre(15u, 3u * 22u, 3u * 32u, 3u * 170u, 1054u, 1054u));
+  EXPECT_EQ(plan.scenarios[0].kind, ScenarioKind::kCalibration);
+  EXPECT_EQ(plan.scenarios[1].table, 3);
+  EXPECT_EQ(plan.scenarios[3].table, 4);
+  EXPECT_EQ(plan.scenarios[5].table, 5);
+  EXPECT_EQ(plan.poses[0].role, PoseRole::kPlaneCheck);
+  EXPECT_EQ(plan.poses[1].role, PoseRole::kPlaneFit);
+  EXPECT_EQ(plan.poses[1].images, 4);
+  EXPECT_EQ(plan.poses[3].role, PoseRole::kPinholeView);
+  EXPECT_EQ(plan.poses[3].point, 0);
+  EXPECT_EQ(plan.sources.size(), 7u);
+}
+
+TEST(Plan, SurvivesItsFile) {
+  const Plan plan = plan_campaign(load_campaign(kScenarios / "campaigns" / "quick.json"), rig());
+  EXPECT_EQ(plan_text(parse_plan(plan_text(plan), "plan.json")), plan_text(plan));
+}
+
+TEST(Plan, IsTheSameEveryTime) {
+  const auto make = [] { return plan_text(plan_campaign(load_campaign(kScenarios / "campaigns" / "quick.json"), rig())); };
+  EXPECT_EQ(make(), make());
+}
+
+TEST(Scenarios, EveryFileLoadsAndFitsTheSimulatedRigs) {
+  int files = 0;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(kScenarios)) {
+    if (entry.path().extension() != ".json" || entry.path().parent_path().filename() == "schema") continue;
+    if (const auto format = format_of(entry.path()); format != "scenario" && format != "campaign") continue;
+    ++files;
+    SCOPED_TRACE(entry.path().string());
+    const Campaign campaign = load_campaign(entry.path());
+    for (const char* name : {"simulated.json", "ideal.json"}) {
+      const RigFile rig_file = load_rig_file(kScenarios / "rigs" / name);
+      const PlanReport report = check_plan(plan_campaign(campaign, rig_file), rig_file);
+      EXPECT_GT(report.field_margin_px, 30.0);
+    }
+  }
+  EXPECT_GE(files, 14);
+}
+
+TEST(Scenarios, QuickStaysQuick) {
+  const Plan plan = plan_campaign(load_campaign(kScenarios / "campaigns" / "quick.json"), rig());
+  EXPECT_LT(plan.poses.size(), 60u);
+  std::set<int> tables;
+  for (const auto& s : plan.scenarios) tables.insert(s.table.value_or(1));
+  EXPECT_EQ(tables, (std::set{1, 3, 4, 5}));
+}
+
+TEST(CheckPlan, RefusesATargetOutsideASoftLimitWithThePointerOfItsRange) {
+  const Plan plan =
+      plan_campaign(single(R"([{"axis": "yaw", "values_deg": [0, 5]}, {"axis": "pitch", "values_deg": [0, 46, 50]}])"), rig());
+  const auto [where, what] = refusal(plan, rig());
+  EXPECT_EQ(where, "s.json /ranges/1");
+  EXPECT_THAT(what, AllOf(HasSubstr("2 violations"), HasSubstr("pitch target 46 deg"), HasSubstr("pitch target 50 deg"),
+                          HasSubstr("allowed: -45 to 45 deg"), HasSubstr("nothing has moved")));
+}
+
+TEST(CheckPlan, RefusesATargetWhoseOvershootLeavesTheSoftLimits) {
+  const Plan plan = plan_campaign(single(R"([{"axis": "pitch", "values_deg": [-44.8]}])"), rig());
+  RigFile rig_file = rig();
+  rig_file.axes[AxisId::kPitch].backlash = 0.5;
+  EXPECT_THAT(refusal(plan, rig_file).second, AllOf(HasSubstr("-44.8 deg is approached from -45.3 deg"), HasSubstr("1 violation:")));
+  rig_file.axes[AxisId::kPitch].backlash = -0.5;
+  EXPECT_EQ(refusal(plan, rig_file).first, "accepted");
+}
+
+TEST(CheckPlan, RefusesAStagePositionOutsideItsLimits) {
+  Campaign campaign = single(kTwoAxes);
+  campaign.scenarios[0].stage_mm = 201;
+  EXPECT_EQ(refusal(plan_campaign(campaign, rig()), rig()).first, "s.json /stage_mm");
+}
+
+TEST(CheckPlan, RefusesARigThatCannotReachZero) {
+  RigFile rig_file = rig();
+  rig_file.axes[AxisId::kStage].lower = 10;
+  const auto [where, what] = refusal(plan_campaign(single(kTwoAxes), rig_file), rig_file);
+  EXPECT_EQ(where, rig_file.file + " /axes/stage/limits_mm");
+}
+
+TEST(CheckPlan, RefusesPosesThatLeaveTheFieldOfView) {
+  RigFile rig_file = rig();
+  rig_file.camera.nominal_focal_px = 5500;
+  const Plan plan = plan_campaign(single(kTwoAxes), rig_file);
+  const auto [where, what] = refusal(plan, rig_file);
+  EXPECT_EQ(where, "s.json /stage_mm");  // already the reference pose
+  EXPECT_THAT(what, AllOf(HasSubstr("7 violations"), HasSubstr("LED"), HasSubstr("px")));
+  const Plan calibration = plan_campaign(load_campaign(kScenarios / "calibration_sweep.json"), rig_file);
+  EXPECT_THAT(refusal(calibration, rig_file).second, HasSubstr("direction circle"));
+}
+
+TEST(CheckPlan, PredictsImagePointsFromTheNominalCamera) {
+  // One LED 60 mm along x, 580 mm below the camera: 1945 * 60 / 580 px right of the centre.
+  RigFile rig_file = rig();
+  rig_file.target.points_mm = {Vector3d(60, 0, 0)};
+  rig_file.target.led_radius_mm = 0;
+  const Plan plan = plan_campaign(single(R"([{"axis": "yaw", "values_deg": [0]}])"), rig_file);
+  EXPECT_NEAR(check_plan(plan, rig_file).field_margin_px, 1023 - 511.5 - 1945.0 * 60 / 580, 1e-9);
+}
+
+TEST(CheckPlan, ListsTenViolationsAndTheNumberOfAll) {
+  RigFile rig_file = rig();
+  rig_file.axes[AxisId::kPitch].lower = -1;
+  rig_file.axes[AxisId::kPitch].upper = 1;
+  const Plan plan =
+      plan_campaign(single(R"([{"axis": "pitch", "start_deg": -30, "stop_deg": 30, "step_deg": 3}])"), rig_file);
+  const auto [where, what] = refusal(plan, rig_file);
+  EXPECT_THAT(what, AllOf(HasSubstr("20 violations, the first 10"), HasSubstr("pitch target -30 deg")));
+  EXPECT_EQ(std::ranges::count(what, '\n'), 10);
+}
+
+TEST(CheckPlan, RefusesMoreThanTheDiskHolds) {
+  const RigFile rig_file = rig();
+  Campaign campaign = single(R"([{"axis": "pitch", "start_deg": -30, "stop_deg": 30, "step_deg": 0.001}])");
+  campaign.scenarios[0].images_per_pose = 1000;  // 60 million images
+  const Plan plan = plan_campaign(campaign, rig_file);
+  const CheckOptions options{ArchiveMode::kFull, std::filesystem::temp_directory_path() / "not" / "yet" / "there"};
+  EXPECT_THAT(refusal(plan, rig_file, options).second, HasSubstr("Make room"));
+}
+
+TEST(CheckPlan, ReportsSweptRangesMarginsTimeAndDisk) {
+  const RigFile rig_file = rig();
+  const Plan plan = plan_campaign(single(R"([{"axis": "pitch", "start_deg": -30, "stop_deg": 30, "step_deg": 3}])"), rig_file);
+  const PlanReport report = check_plan(plan, rig_file, {ArchiveMode::kRegions, std::filesystem::temp_directory_path()});
+  const AxisSweep& pitch = report.axes[3];
+  const double backlash = rig_file.axis(AxisId::kPitch).backlash;
+  EXPECT_EQ(pitch.target_lower, -30);
+  EXPECT_EQ(pitch.target_upper, 30);
+  EXPECT_DOUBLE_EQ(pitch.swept_lower, -30 - backlash);
+  EXPECT_DOUBLE_EQ(pitch.margin(), 45 - 30 - backlash);
+  EXPECT_GT(report.time.motion_s, 0.0);
+  EXPECT_GT(report.disk_bytes, 22u * 4096u);
+  EXPECT_GT(report.free_bytes, 0u);
+  EXPECT_EQ(report.images, 22u);
+  double total = 0;
+  for (const auto& time : pose_times(plan, rig_file)) total += time.total_s();
+  EXPECT_NEAR(total, report.time.total_s(), 1e-9);
+  EXPECT_THAT(plan_summary(plan, report), AllOf(HasSubstr("22 poses"), HasSubstr("pitch"), HasSubstr("disk")));
+}
+
+TEST(PlanCsv, HasOneRowPerPose) {
+  const TemporaryFolder folder;
+  const Plan plan = plan_campaign(single(kTwoAxes), rig());
+  write_plan_csv(plan, folder / "plan.csv");
+  const std::string text = slurp(folder / "plan.csv");
+  EXPECT_EQ(std::ranges::count(text, '\n'), 8);
+  EXPECT_THAT(text, HasSubstr("\n1," + plan.poses[1].id + ",s,measure,led_target,1,1,120.0000,1.0000,0.0000,-10.0000,0.000,1\n"));
+}
+
+AxisConfig plain_axis() {
+  AxisConfig axis;
+  axis.speed = 20;
+  axis.acceleration = 50;
+  return axis;
+}
+
+TEST(MotionTime, FollowsTheTrapezoid) {
+  AxisConfig axis = plain_axis();
+  EXPECT_DOUBLE_EQ(trapezoid_seconds(axis, 28), 2 * 0.4 + 20.0 / 20);  // ramps of 4 each, 20 at full speed
+  EXPECT_DOUBLE_EQ(trapezoid_seconds(axis, -28), trapezoid_seconds(axis, 28));
+  EXPECT_DOUBLE_EQ(trapezoid_seconds(axis, 8), 0.8);
+  EXPECT_DOUBLE_EQ(trapezoid_seconds(axis, 2), 2 * 10.0 / 50);  // peak sqrt(50 * 2)
+  EXPECT_EQ(trapezoid_seconds(axis, 0), 0.0);
+  axis.initial_speed = 20;
+  EXPECT_DOUBLE_EQ(trapezoid_seconds(axis, 30), 1.5);
+}
+
+TEST(MotionTime, OvershootsOnLongMovesAndOnMovesAgainstTheApproach) {
+  AxisConfig axis = plain_axis();
+  EXPECT_FALSE(takes_overshoot(axis, 0, 10));
+  axis.backlash = 0.5;
+  EXPECT_TRUE(takes_overshoot(axis, 0, 10));
+  EXPECT_TRUE(takes_overshoot(axis, 0, -0.1));
+  EXPECT_FALSE(takes_overshoot(axis, 0, 0.4));
+  EXPECT_FALSE(takes_overshoot(axis, 1, 1));
+  axis.backlash = -0.5;
+  EXPECT_TRUE(takes_overshoot(axis, 0, 0.1));
+  EXPECT_FALSE(takes_overshoot(axis, 0, -0.4));
+  EXPECT_DOUBLE_EQ(move_seconds(axis, 0, -10), trapezoid_seconds(axis, 9.5) + trapezoid_seconds(axis, 0.5));
+  EXPECT_DOUBLE_EQ(move_seconds(axis, 0, 10), trapezoid_seconds(axis, 10.5) + trapezoid_seconds(axis, 0.5));
+}
+
+}  // namespace
+}  // namespace turntable

@@ -1,0 +1,87 @@
+#include "src/core/interrupt.h"
+
+#include <gtest/gtest.h>
+
+#include <csignal>
+#include <cstdlib>
+#include <thread>
+
+#include "src/core/errors.h"
+
+namespace turntable {
+namespace {
+
+class Interrupt : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    for (const int signal : kSignals) ::sigaction(signal, nullptr, &saved_[signal]);
+    set_interrupt_level(0);
+  }
+  void TearDown() override {
+    for (const int signal : kSignals) ::sigaction(signal, &saved_[signal], nullptr);
+    set_interrupt_level(0);
+  }
+
+ private:
+  static constexpr int kSignals[] = {SIGINT, SIGTERM, SIGHUP, SIGPIPE};
+  struct sigaction saved_[NSIG] = {};
+};
+
+TEST_F(Interrupt, nothing_throws_at_level_0) {
+  EXPECT_NO_THROW(throw_if_interrupted());
+  EXPECT_NO_THROW(throw_if_stopping_now());
+}
+
+TEST_F(Interrupt, the_first_ctrl_c_ends_between_poses_and_the_second_at_once) {
+  install_interrupt_handlers();
+  std::raise(SIGINT);
+  EXPECT_EQ(interrupt_level(), 1);
+  EXPECT_THROW(throw_if_interrupted(), Interrupted);
+  EXPECT_NO_THROW(throw_if_stopping_now());
+  std::raise(SIGINT);
+  EXPECT_EQ(interrupt_level(), 2);
+  EXPECT_THROW(throw_if_stopping_now(), Interrupted);
+}
+
+TEST_F(Interrupt, sigterm_and_sighup_stop_at_once) {
+  install_interrupt_handlers();
+  for (const int signal : {SIGTERM, SIGHUP}) {
+    set_interrupt_level(0);
+    std::raise(signal);
+    EXPECT_EQ(interrupt_level(), 2);
+  }
+}
+
+TEST_F(Interrupt, a_broken_pipe_is_not_deadly) {
+  install_interrupt_handlers();
+  std::raise(SIGPIPE);
+  EXPECT_EQ(interrupt_level(), 0);
+}
+
+TEST_F(Interrupt, a_shield_lets_this_thread_talk_to_the_devices_on_the_way_out) {
+  set_interrupt_level(2);
+  {
+    const InterruptShield outer;
+    {
+      const InterruptShield inner;
+      EXPECT_NO_THROW(throw_if_stopping_now());
+    }
+    EXPECT_NO_THROW(throw_if_stopping_now());
+    std::thread([] { EXPECT_THROW(throw_if_stopping_now(), Interrupted); }).join();
+  }
+  EXPECT_THROW(throw_if_stopping_now(), Interrupted);
+}
+
+using InterruptDeathTest = Interrupt;
+
+TEST_F(InterruptDeathTest, a_third_ctrl_c_ends_the_program) {
+  EXPECT_EXIT(
+      {
+        install_interrupt_handlers();
+        for (int i = 0; i < 3; ++i) std::raise(SIGINT);
+      },
+      ::testing::ExitedWithCode(130), "");
+}
+
+}  // namespace
+}  // namespace turntable
