@@ -9,7 +9,7 @@
 namespace turntable {
 namespace {
 
-using Vectors = Eigen::Matrix<double, Eigen::Dynamic, 3>;  // rows M0Mt
+using Vectors = Eigen::MatrixXd;  // n-1 x 3, rows M0Mt; thin SVD asks for dynamic columns
 
 Vectors vectors_from_first(std::span<const Vector3d> points_mm) {
   Vectors G(static_cast<Eigen::Index>(points_mm.size()) - 1, 3);

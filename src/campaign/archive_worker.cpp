@@ -14,7 +14,8 @@
 namespace turntable {
 namespace {
 
-/// More bright things than this in an LED image are a lamp or a window, and such an image is kept whole.
+/// More bright things than this in an LED image are a lamp or a window, and such an image is kept
+/// whole.
 constexpr std::size_t kMaxSpots = 32;
 
 double wall_s() {
@@ -45,7 +46,8 @@ Prepared prepare(ArchiveWorker::Job& job, const RunFolder& folder, const RigFile
       image.spots.emplace();
       for (const Spot& s : search.spots) {
         if (regions.size() == kMaxSpots) break;
-        image.spots->push_back({s.centre_px.x(), s.centre_px.y(), s.sigma_px, s.peak_grey, s.area_px, s.saturated});
+        image.spots->push_back(
+            {s.centre_px.x(), s.centre_px.y(), s.sigma_px, s.peak_grey, s.area_px, s.saturated});
         regions.push_back({s.box.left, s.box.top, s.box.right, s.box.bottom});
       }
       const bool seen = search.spots.size() >= rig_file.target.points_mm.size();
@@ -55,7 +57,8 @@ Prepared prepare(ArchiveWorker::Job& job, const RunFolder& folder, const RigFile
     }
     if (options.archive != ArchiveMode::kNone) {
       const std::string png =
-          mask ? encode_png(keep_regions(frame.image, regions, options.region_margin_px)) : encode_png(frame.image);
+          mask ? encode_png(keep_regions(frame.image, regions, options.region_margin_px))
+               : encode_png(frame.image);
       image.file = fmt::format("images/{:06}-{}-{}.png", planned.index, planned.id, i + 1);
       image.sha256 = sha256_hex(png);
       out.files.emplace_back(folder.root() / image.file, png);
@@ -138,8 +141,9 @@ void ArchiveWorker::run() {
 void ArchiveWorker::process(std::vector<Job>& jobs) {
   std::vector<std::future<Prepared>> pending;
   for (Job& job : jobs)
-    pending.push_back(std::async(jobs.size() == 1 ? std::launch::deferred : std::launch::async,
-                                 [this, &job] { return prepare(job, folder_, rig_file_, options_); }));
+    pending.push_back(
+        std::async(jobs.size() == 1 ? std::launch::deferred : std::launch::async,
+                   [this, &job] { return prepare(job, folder_, rig_file_, options_); }));
   // Poses enter the journal in their order; behind one that failed, none does.
   std::exception_ptr failure;
   std::vector<Prepared> ready;

@@ -1,5 +1,6 @@
-// The other thread of a run: inspects, archives and journals pose k-1 while the rig moves to pose k. If the rig is
-// faster than the disk, the poses that wait are done together: syncing costs the same for eight as for one.
+// The other thread of a run: inspects, archives and journals pose k-1 while the rig moves to pose
+// k. If the rig is faster than the disk, the poses that wait are done together: syncing costs the
+// same for eight as for one.
 #pragma once
 
 #include <condition_variable>
@@ -30,15 +31,16 @@ class ArchiveWorker {
   };
 
   /// All references must outlive the worker, which is the only user of `journal` while it lives.
-  ArchiveWorker(RunJournal& journal, const RunFolder& folder, const Plan& plan, const RigFile& rig_file,
-                const AcquireOptions& options);
+  ArchiveWorker(RunJournal& journal, const RunFolder& folder, const Plan& plan,
+                const RigFile& rig_file, const AcquireOptions& options);
   ~ArchiveWorker();
   ArchiveWorker(const ArchiveWorker&) = delete;
   ArchiveWorker& operator=(const ArchiveWorker&) = delete;
 
   /// Waits while `queued_poses` are waiting. @throws what a job threw; Interrupted at level 2.
   void push(Job job);
-  /// Does what is still queued and ends the thread. @throws what a job threw; jobs behind a failed one are dropped.
+  /// Does what is still queued and ends the thread. @throws what a job threw; jobs behind a failed
+  /// one are dropped.
   void finish();
   /// Before `finish` a snapshot.
   Tally tally() const;

@@ -23,7 +23,8 @@ bool takes_overshoot(const AxisConfig& axis, double from, double to) {
 
 double move_seconds(const AxisConfig& axis, double from, double to) {
   if (!takes_overshoot(axis, from, to)) return trapezoid_seconds(axis, to - from);
-  return trapezoid_seconds(axis, to - axis.backlash - from) + trapezoid_seconds(axis, axis.backlash);
+  return trapezoid_seconds(axis, to - axis.backlash - from) +
+         trapezoid_seconds(axis, axis.backlash);
 }
 
 }  // namespace turntable

@@ -22,9 +22,10 @@ constexpr double kFrameSeconds = 0.05;
 constexpr double kFieldMargin = 0.03;
 constexpr std::size_t kListedViolations = 10;
 
-/// Digit of `counter` for each range, outermost first; snake order turns a range round each time the one outside it
-/// moves on, so that neighbours differ by one step of one axis.
-std::vector<std::size_t> digits_of(std::size_t counter, const std::vector<AxisRange>& ranges, PoseOrder order) {
+/// Digit of `counter` for each range, outermost first; snake order turns a range round each time
+/// the one outside it moves on, so that neighbours differ by one step of one axis.
+std::vector<std::size_t> digits_of(std::size_t counter, const std::vector<AxisRange>& ranges,
+                                   PoseOrder order) {
   std::vector<std::size_t> digits(ranges.size());
   for (std::size_t k = ranges.size(); k-- > 0;) {
     const std::size_t n = ranges[k].values_deg.size();
@@ -36,7 +37,9 @@ std::vector<std::size_t> digits_of(std::size_t counter, const std::vector<AxisRa
 }
 
 double& angle_of(PlannedPose& pose, AxisId axis) {
-  return axis == AxisId::kYaw ? pose.yaw_deg : axis == AxisId::kRoll ? pose.roll_deg : pose.pitch_deg;
+  return axis == AxisId::kYaw    ? pose.yaw_deg
+         : axis == AxisId::kRoll ? pose.roll_deg
+                                 : pose.pitch_deg;
 }
 
 void add_attitude(Plan& plan, const Scenario& scenario) {
@@ -89,16 +92,17 @@ void add_calibration(Plan& plan, const Scenario& scenario) {
 }
 
 std::string named(const Plan& plan, const PlannedPose& pose) {
-  return fmt::format("pose {} (scenario {}, stage {} mm, yaw {}, roll {}, pitch {} deg)", pose.index,
-                     plan.scenario_of(pose).name, pose.stage_mm, pose.yaw_deg, pose.roll_deg,
-                     pose.pitch_deg);
+  return fmt::format("pose {} (scenario {}, stage {} mm, yaw {}, roll {}, pitch {} deg)",
+                     pose.index, plan.scenario_of(pose).name, pose.stage_mm, pose.yaw_deg,
+                     pose.roll_deg, pose.pitch_deg);
 }
 
 /// Pointer of the whole pose, where no single axis is to blame.
 std::string pointer_of(const Plan& plan, const PlannedPose& pose) {
   if (plan.scenario_of(pose).kind == ScenarioKind::kAttitude)
     return pose.role == PoseRole::kReference ? "/stage_mm" : "/ranges";
-  return fmt::format("{}/{}", pose.role == PoseRole::kPinholeView ? "/pinhole_views" : "/planes", pose.point);
+  return fmt::format("{}/{}", pose.role == PoseRole::kPinholeView ? "/pinhole_views" : "/planes",
+                     pose.point);
 }
 
 class Violations {
@@ -110,13 +114,13 @@ class Violations {
   }
   void throw_if_any() const {
     if (count_ == 0) return;
-    throw ConfigError(file_, pointer_,
-                      fmt::format("the plan is refused, nothing has moved. {} violation{}{}:{}", count_,
-                                  count_ == 1 ? "" : "s",
-                                  count_ > kListedViolations
-                                      ? fmt::format(", the first {}", kListedViolations)
-                                      : "",
-                                  text_));
+    throw ConfigError(
+        file_, pointer_,
+        fmt::format(
+            "the plan is refused, nothing has moved. {} violation{}{}:{}", count_,
+            count_ == 1 ? "" : "s",
+            count_ > kListedViolations ? fmt::format(", the first {}", kListedViolations) : "",
+            text_));
   }
 
  private:
@@ -128,26 +132,29 @@ void check_limits(const Plan& plan, const RigFile& rig, Violations& violations) 
   const auto outside = [](const AxisConfig& axis, double target) -> std::string {
     const double turn = target - axis.backlash;
     if (target < axis.lower || target > axis.upper)
-      return fmt::format("{} target {} {}, allowed: {} to {} {}", axis_name(axis.id), target, axis.unit(),
-                         axis.lower, axis.upper, axis.unit());
+      return fmt::format("{} target {} {}, allowed: {} to {} {}", axis_name(axis.id), target,
+                         axis.unit(), axis.lower, axis.upper, axis.unit());
     if (turn < axis.lower || turn > axis.upper)
-      return fmt::format("{} target {} {} is approached from {} {} (one-sided approach), allowed: {} to {} {}",
-                         axis_name(axis.id), target, axis.unit(), turn, axis.unit(), axis.lower, axis.upper,
-                         axis.unit());
+      return fmt::format(
+          "{} target {} {} is approached from {} {} (one-sided approach), allowed: {} to {} {}",
+          axis_name(axis.id), target, axis.unit(), turn, axis.unit(), axis.lower, axis.upper,
+          axis.unit());
     return {};
   };
   for (const AxisId id : kAllAxes)
     if (const std::string what = outside(rig.axis(id), 0.0); !what.empty())
-      violations.add(rig.file, fmt::format("/axes/{}/limits_{}", axis_name(id), axis_unit(id)),
-                     what + ". Axes return to zero for every change of the payload: widen the limits.");
-  std::set<std::tuple<std::size_t, AxisId, double>> told;  // a grid repeats the same target many times
+      violations.add(
+          rig.file, fmt::format("/axes/{}/limits_{}", axis_name(id), axis_unit(id)),
+          what + ". Axes return to zero for every change of the payload: widen the limits.");
+  std::set<std::tuple<std::size_t, AxisId, double>>
+      told;  // a grid repeats the same target many times
   for (const PlannedPose& pose : plan.poses)
     for (const AxisId id : kAllAxes) {
       const std::string what = outside(rig.axis(id), pose.target(id));
       if (!what.empty() && told.emplace(pose.scenario, id, pose.target(id)).second)
         violations.add(plan.scenario_of(pose).file, pointer_of(plan, pose, id),
-                       fmt::format("{}, first at pose {}. Choose a target inside the soft limits.", what,
-                                   pose.index));
+                       fmt::format("{}, first at pose {}. Choose a target inside the soft limits.",
+                                   what, pose.index));
     }
 }
 
@@ -164,7 +171,8 @@ double check_field(const Plan& plan, const RigFile& rig, Violations& violations)
                     fmt::format("LED {}", i)});
   for (const auto& [column, row] : rig.pattern.direction_circles)
     circles.push_back({rig.pattern.offset_mm + rig.pattern.spacing_mm * Vector3d(column, row, 0),
-                       rig.pattern.direction_radius_mm, fmt::format("direction circle ({}, {})", column, row)});
+                       rig.pattern.direction_radius_mm,
+                       fmt::format("direction circle ({}, {})", column, row)});
 
   const Gimbal gimbal(rig.gimbal);
   const double width = rig.camera.image_size.width, height = rig.camera.image_size.height;
@@ -189,12 +197,15 @@ double check_field(const Plan& plan, const RigFile& rig, Violations& violations)
         const double room_u = std::min(u, width - 1 - u) - radius - kFieldMargin * width;
         const double room_v = std::min(v, height - 1 - v) - radius - kFieldMargin * height;
         if (std::min(room_u, room_v) >= 0.0) continue;
-        what = fmt::format("{} would be seen at ({:.0f}, {:.0f}) px, allowed: {:.0f} px inside an image of {} x {} px",
-                           mark.name, u, v, radius + kFieldMargin * (room_u < room_v ? width : height), width,
-                           height);
+        what = fmt::format(
+            "{} would be seen at ({:.0f}, {:.0f}) px, allowed: {:.0f} px inside an image of {} x "
+            "{} px",
+            mark.name, u, v, radius + kFieldMargin * (room_u < room_v ? width : height), width,
+            height);
       }
       violations.add(plan.scenario_of(pose).file, pointer_of(plan, pose),
-                     fmt::format("{}: {}. Use smaller angles or another stage position.", named(plan, pose), what));
+                     fmt::format("{}: {}. Use smaller angles or another stage position.",
+                                 named(plan, pose), what));
       break;
     }
   }
@@ -210,7 +221,8 @@ std::uintmax_t image_bytes(const RigFile& rig, Payload payload, ArchiveMode mode
   return std::min(pixels, 4096 + rig.target.points_mm.size() * kSpotPx * kSpotPx);
 }
 
-void check_disk(const Plan& plan, const RigFile& rig, const CheckOptions& options, PlanReport& report) {
+void check_disk(const Plan& plan, const RigFile& rig, const CheckOptions& options,
+                PlanReport& report) {
   constexpr std::uintmax_t kPoseBytes = 4096;  // its lines in plan and journal
   for (const PlannedPose& pose : plan.poses) {
     const auto images = static_cast<std::uintmax_t>(pose.images);
@@ -220,16 +232,18 @@ void check_disk(const Plan& plan, const RigFile& rig, const CheckOptions& option
   if (options.out.empty()) return;
   std::error_code error;
   std::filesystem::path folder = std::filesystem::absolute(options.out);
-  while (!std::filesystem::exists(folder, error) && folder.has_relative_path()) folder = folder.parent_path();
+  while (!std::filesystem::exists(folder, error) && folder.has_relative_path())
+    folder = folder.parent_path();
   const auto space = std::filesystem::space(folder, error);
   if (error) return;  // creating the run folder will say what is wrong with it
   report.free_bytes = space.available;
   if (report.disk_bytes > report.free_bytes)
-    throw ConfigError(folder.string(), "",
-                      fmt::format("the run needs up to {:.0f} MB, {:.0f} MB are free. Make room, choose another "
-                                  "--out, or archive images as regions.",
-                                  static_cast<double>(report.disk_bytes) / 1e6,
-                                  static_cast<double>(report.free_bytes) / 1e6));
+    throw ConfigError(
+        folder.string(), "",
+        fmt::format("the run needs up to {:.0f} MB, {:.0f} MB are free. Make room, choose another "
+                    "--out, or archive images as regions.",
+                    static_cast<double>(report.disk_bytes) / 1e6,
+                    static_cast<double>(report.free_bytes) / 1e6));
 }
 
 void sweep(AxisSweep& out, const AxisConfig& axis, const Plan& plan) {
@@ -263,7 +277,9 @@ std::string shown_time(double s) {
 
 }  // namespace
 
-double AxisSweep::margin() const { return std::min(swept_lower - limit_lower, limit_upper - swept_upper); }
+double AxisSweep::margin() const {
+  return std::min(swept_lower - limit_lower, limit_upper - swept_upper);
+}
 
 Plan plan_campaign(const Campaign& campaign, const RigFile& rig) {
   Plan plan;
@@ -275,9 +291,11 @@ Plan plan_campaign(const Campaign& campaign, const RigFile& rig) {
   for (const Scenario& s : campaign.scenarios)
     poses += static_cast<double>(s.pose_count()) * s.repeats;
   if (poses > static_cast<double>(kMaxPoses))
-    throw ConfigError(campaign.file, "/steps",
-                      fmt::format("found {:.4g} poses in all, allowed: at most {}. Take fewer scenarios or repeats.",
-                                  poses, kMaxPoses));
+    throw ConfigError(
+        campaign.file, "/steps",
+        fmt::format(
+            "found {:.4g} poses in all, allowed: at most {}. Take fewer scenarios or repeats.",
+            poses, kMaxPoses));
   plan.poses.reserve(static_cast<std::size_t>(poses));
   for (const Scenario& s : campaign.scenarios) {
     if (s.kind == ScenarioKind::kCalibration)
@@ -341,7 +359,8 @@ PlanReport check_plan(const Plan& plan, const RigFile& rig, const CheckOptions& 
   report.field_margin_px = check_field(plan, rig, violations);
   violations.throw_if_any();
   check_disk(plan, rig, options, report);
-  for (std::size_t i = 0; i < kAllAxes.size(); ++i) sweep(report.axes[i], rig.axis(kAllAxes[i]), plan);
+  for (std::size_t i = 0; i < kAllAxes.size(); ++i)
+    sweep(report.axes[i], rig.axis(kAllAxes[i]), plan);
   for (const PhaseTimes& time : pose_times(plan, rig)) {
     report.time.motion_s += time.motion_s;
     report.time.settle_s += time.settle_s;
@@ -351,39 +370,45 @@ PlanReport check_plan(const Plan& plan, const RigFile& rig, const CheckOptions& 
 }
 
 std::string plan_summary(const Plan& plan, const PlanReport& report) {
-  std::string out = fmt::format("{}: {} poses, {} images\n", plan.title, plan.poses.size(), report.images);
+  std::string out =
+      fmt::format("{}: {} poses, {} images\n", plan.title, plan.poses.size(), report.images);
   std::vector<std::size_t> counts(plan.scenarios.size());
   for (const PlannedPose& pose : plan.poses) ++counts[pose.scenario];
   for (std::size_t i = 0; i < plan.scenarios.size(); ++i) {
     const ScenarioInfo& s = plan.scenarios[i];
-    out += fmt::format("  {:<20} {:>6} poses, {} repeat{}{}\n", s.name, counts[i], s.repeats,
-                       s.repeats == 1 ? "" : "s", s.table ? fmt::format(", table {}", *s.table) : "");
+    out +=
+        fmt::format("  {:<20} {:>6} poses, {} repeat{}{}\n", s.name, counts[i], s.repeats,
+                    s.repeats == 1 ? "" : "s", s.table ? fmt::format(", table {}", *s.table) : "");
   }
-  out += fmt::format("\n  {:<6} {:>20} {:>24} {:>20} {:>10}\n", "axis", "targets", "swept with overshoot",
-                     "soft limits", "margin");
+  out += fmt::format("\n  {:<6} {:>20} {:>24} {:>20} {:>10}\n", "axis", "targets",
+                     "swept with overshoot", "soft limits", "margin");
   for (std::size_t i = 0; i < kAllAxes.size(); ++i) {
     const AxisSweep& a = report.axes[i];
     const auto unit = axis_unit(kAllAxes[i]);
-    out += fmt::format("  {:<6} {:>9.3f} .. {:>7.3f} {:>13.3f} .. {:>7.3f} {:>9.3f} .. {:>7.3f} {:>6.3f} {}\n",
-                       axis_name(kAllAxes[i]), a.target_lower, a.target_upper, a.swept_lower, a.swept_upper,
-                       a.limit_lower, a.limit_upper, a.margin(), unit);
+    out += fmt::format(
+        "  {:<6} {:>9.3f} .. {:>7.3f} {:>13.3f} .. {:>7.3f} {:>9.3f} .. {:>7.3f} {:>6.3f} {}\n",
+        axis_name(kAllAxes[i]), a.target_lower, a.target_upper, a.swept_lower, a.swept_upper,
+        a.limit_lower, a.limit_upper, a.margin(), unit);
     if (a.off_grid > 0)
-      out += fmt::format("         {} poses of {} lie between two pulses; the nearest pulse is taken\n", a.off_grid,
-                         axis_name(kAllAxes[i]));
+      out += fmt::format(
+          "         {} poses of {} lie between two pulses; the nearest pulse is taken\n",
+          a.off_grid, axis_name(kAllAxes[i]));
   }
-  out += fmt::format("\n  field of view: every point stays {:.0f} px or more inside the image (nominal camera)\n",
-                     report.field_margin_px);
+  out += fmt::format(
+      "\n  field of view: every point stays {:.0f} px or more inside the image (nominal camera)\n",
+      report.field_margin_px);
   out += fmt::format("  time: {} = motion {} + settling {} + exposures {} (homing apart)\n",
                      shown_time(report.time.total_s()), shown_time(report.time.motion_s),
                      shown_time(report.time.settle_s), shown_time(report.time.trigger_s));
   out += fmt::format("  disk: up to {:.1f} MB", static_cast<double>(report.disk_bytes) / 1e6);
-  if (report.free_bytes > 0) out += fmt::format(" of {:.0f} MB free", static_cast<double>(report.free_bytes) / 1e6);
+  if (report.free_bytes > 0)
+    out += fmt::format(" of {:.0f} MB free", static_cast<double>(report.free_bytes) / 1e6);
   return out + "\n";
 }
 
 void write_plan_csv(const Plan& plan, const std::filesystem::path& file) {
-  Csv csv({"index", "id", "scenario", "role", "payload", "repeat", "point", "stage_mm", "yaw_deg", "roll_deg",
-           "pitch_deg", "dwell_s", "images"});
+  Csv csv({"index", "id", "scenario", "role", "payload", "repeat", "point", "stage_mm", "yaw_deg",
+           "roll_deg", "pitch_deg", "dwell_s", "images"});
   for (const PlannedPose& p : plan.poses) {
     csv.integer(static_cast<std::int64_t>(p.index)).text(p.id).text(plan.scenario_of(p).name);
     csv.text(role_name(p.role)).text(payload_name(p.payload)).integer(p.repeat).integer(p.point);

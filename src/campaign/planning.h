@@ -1,4 +1,5 @@
-// From scenarios to a frozen plan, and the checks that a whole plan has to pass before anything moves.
+// From scenarios to a frozen plan, and the checks that a whole plan has to pass before anything
+// moves.
 #pragma once
 
 #include <array>
@@ -14,22 +15,23 @@
 
 namespace turntable {
 
-/// Every pose in order of execution. Each repeat of an attitude scenario begins with a reference pose.
+/// Every pose in order of execution. Each repeat of an attitude scenario begins with a reference
+/// pose.
 /// @throws ConfigError for more than kMaxPoses.
 Plan plan_campaign(const Campaign& campaign, const RigFile& rig);
 
 struct CheckOptions {
   ArchiveMode archive = ArchiveMode::kRegions;
-  std::filesystem::path out;  ///< the run folder to be (its file system's free space counts); empty = not checked
+  std::filesystem::path out;  ///< the run folder to be, for the free space; empty = not checked
 };
 
 /// Unit of the axis.
 struct AxisSweep {
   double target_lower = 0.0, target_upper = 0.0;  ///< what is asked for
-  double swept_lower = 0.0, swept_upper = 0.0;    ///< where the axis goes: overshoot and zero included
+  double swept_lower = 0.0, swept_upper = 0.0;    ///< with overshoot and zero
   double limit_lower = 0.0, limit_upper = 0.0;
-  std::size_t off_grid = 0;                       ///< poses whose target is not a whole number of pulses
-  double margin() const;                          ///< to the nearer soft limit
+  std::size_t off_grid = 0;  ///< poses whose target is not a whole number of pulses
+  double margin() const;     ///< to the nearer soft limit
 };
 
 struct PhaseTimes {
@@ -39,19 +41,20 @@ struct PhaseTimes {
 
 struct PlanReport {
   std::array<AxisSweep, kAllAxes.size()> axes;  ///< by order of kAllAxes
-  PhaseTimes time;                              ///< estimate, homing and changes of the payload by hand apart
-  double field_margin_px = 0.0;                 ///< nearest any predicted point comes to the edge of the image
-  std::uintmax_t disk_bytes = 0;                ///< estimate of what will be written
-  std::uintmax_t free_bytes = 0;                ///< 0 if not checked
+  PhaseTimes time;                ///< estimate, homing and changes of the payload by hand apart
+  double field_margin_px = 0.0;   ///< nearest any predicted point comes to the edge of the image
+  std::uintmax_t disk_bytes = 0;  ///< estimate of what will be written
+  std::uintmax_t free_bytes = 0;  ///< 0 if not checked
   std::size_t images = 0;
 };
 
-/// One entry per pose: what it takes from the pose before it, the first one from zero angles. Changing the payload
-/// leads through zero.
+/// One entry per pose: what it takes from the pose before it, the first one from zero angles.
+/// Changing the payload leads through zero.
 std::vector<PhaseTimes> pose_times(const Plan& plan, const RigFile& rig);
 
-/// Refuses, never clamps. @throws ConfigError listing the first ten violations and their number: a target or its
-/// overshoot outside a soft limit, a point outside the image, not enough disk. File and pointer are the first one's.
+/// Refuses, never clamps. @throws ConfigError listing the first ten violations and their number: a
+/// target or its overshoot outside a soft limit, a point outside the image, not enough disk. File
+/// and pointer are the first one's.
 PlanReport check_plan(const Plan& plan, const RigFile& rig, const CheckOptions& options = {});
 
 /// What `turntable plan` prints.

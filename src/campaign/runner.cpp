@@ -33,10 +33,14 @@ double wall_s() {
 template <class F>
 auto with_axis(const Rig& rig, AxisId id, F&& f) {
   switch (id) {
-    case AxisId::kStage: return f(*rig.stage);
-    case AxisId::kYaw: return f(*rig.yaw);
-    case AxisId::kRoll: return f(*rig.roll);
-    case AxisId::kPitch: break;
+    case AxisId::kStage:
+      return f(*rig.stage);
+    case AxisId::kYaw:
+      return f(*rig.yaw);
+    case AxisId::kRoll:
+      return f(*rig.roll);
+    case AxisId::kPitch:
+      break;
   }
   return f(*rig.pitch);
 }
@@ -145,7 +149,8 @@ class Acquisition {
     ArchiveWorker::Job job;
     job.taken.planned = pose;
     move(targets);
-    for (std::size_t i = 0; i < kAllAxes.size(); ++i) job.taken.axis(kAllAxes[i]) = held_[i]->readback;
+    for (std::size_t i = 0; i < kAllAxes.size(); ++i)
+      job.taken.axis(kAllAxes[i]) = held_[i]->readback;
     if (pose.dwell_s > 0.0) {
       report("settling");
       rig_.clock->sleep_for(from_seconds(pose.dwell_s));
@@ -172,7 +177,8 @@ class Acquisition {
     mounted_ = payload;
   }
 
-  /// Moves all axes at once. An axis that was asked for the same place before, and reached it, stays.
+  /// Moves all axes at once. An axis that was asked for the same place before, and reached it,
+  /// stays.
   void move(const Targets& targets) {
     const Time began = rig_.clock->now();
     std::array<bool, kAllAxes.size()> moving{};
@@ -198,14 +204,16 @@ class Acquisition {
       with_axis(rig_, kAllAxes[i], [&](auto& axis) {
         if (moving[i]) {
           const auto arrival = axis.arrival();
-          held_[i] = {targets[i], {arrival.position.value, arrival.missed, arrival.retries, arrival.overshot}};
+          held_[i] = {targets[i],
+                      {arrival.position.value, arrival.missed, arrival.retries, arrival.overshot}};
           return;
         }
         // It should stand where it stood; only the controller knows.
         AxisReadback& stayed = held_[i]->readback;
         stayed.position = axis.position().value;
         stayed.retries = 0;
-        stayed.missed = std::abs(stayed.position - targets[i]) > rig_file_.axis(kAllAxes[i]).tolerance;
+        stayed.missed =
+            std::abs(stayed.position - targets[i]) > rig_file_.axis(kAllAxes[i]).tolerance;
       });
     }
     const double elapsed = seconds(rig_.clock->now() - began);
@@ -220,24 +228,27 @@ class Acquisition {
       try {
         Frame frame = rig_.camera->trigger();
         if (frame.image.size() != rig_file_.camera.image_size)
-          throw DeviceError(fmt::format("camera: found an image of {} x {} px, allowed: {} x {} px as the rig file "
-                                        "says. Correct the one or the other.",
-                                        frame.image.width, frame.image.height, rig_file_.camera.image_size.width,
-                                        rig_file_.camera.image_size.height));
+          throw DeviceError(fmt::format(
+              "camera: found an image of {} x {} px, allowed: {} x {} px as the rig file "
+              "says. Correct the one or the other.",
+              frame.image.width, frame.image.height, rig_file_.camera.image_size.width,
+              rig_file_.camera.image_size.height));
         summary_.trigger_s += seconds(rig_.clock->now() - began);
         return frame;
       } catch (const TimeoutError& e) {
         if (attempt >= rig_file_.camera.retries)
-          throw TimeoutError(fmt::format("camera: no frame at pose {} after {} triggers: {}. Check its cable, its "
-                                         "light and the trigger line.",
-                                         pose.index, attempt + 1, e.what()));
+          throw TimeoutError(
+              fmt::format("camera: no frame at pose {} after {} triggers: {}. Check its cable, its "
+                          "light and the trigger line.",
+                          pose.index, attempt + 1, e.what()));
         ++summary_.trigger_retries;
       }
     }
   }
 
   /// Stops the axes first, then saves what was taken, then says why. @throws the cause, always.
-  [[noreturn]] void end_early(const std::exception_ptr& cause, RunJournal& journal, ArchiveWorker& worker) {
+  [[noreturn]] void end_early(const std::exception_ptr& cause, RunJournal& journal,
+                              ArchiveWorker& worker) {
     const InterruptShield shield;
     std::string trouble;
     for (const AxisId id : kAllAxes) {
@@ -264,7 +275,8 @@ class Acquisition {
     }
     try {
       journal.baseline(positions());
-    } catch (const std::exception&) {  // a dead line, perhaps the very cause: positions are a courtesy here
+    } catch (const std::exception&) {  // a dead line, perhaps the very cause: positions are a
+                                       // courtesy here
     }
     try {
       journal.stop(status, reason + trouble);

@@ -1,5 +1,5 @@
-// Takes every pose of a plan: move, settle, trigger, archive, journal. The rig moves to pose k while a worker
-// archives and inspects pose k-1; the journal keeps the plan's order.
+// Takes every pose of a plan: move, settle, trigger, archive, journal. The rig moves to pose k
+// while a worker archives and inspects pose k-1; the journal keeps the plan's order.
 #pragma once
 
 #include <cstddef>
@@ -23,17 +23,17 @@ struct AcquireOptions {
 };
 
 struct Progress {
-  std::size_t done = 0;   ///< poses taken
+  std::size_t done = 0;  ///< poses taken
   std::size_t total = 0;
   std::string_view phase;  ///< "homing", "mounting", "moving", "settling", "exposing", "finishing"
   double elapsed_s = 0.0;  ///< wall time
-  double eta_s = 0.0;      ///< wall time left: the plan's kinematics, scaled by what poses took so far
+  double eta_s = 0.0;  ///< wall time left: the plan's kinematics, scaled by what poses took so far
 };
 
 /// Rig time, except `archive_s` (worker) and `wall_s`.
 struct AcquireSummary {
   std::size_t poses = 0;   ///< taken and journaled
-  std::size_t failed = 0;  ///< of these: an axis missed its target, or fewer spots than the target has points
+  std::size_t failed = 0;  ///< of these: an axis missed its target, or too few spots were seen
   std::size_t trigger_retries = 0;
   double homing_s = 0.0, motion_s = 0.0, settle_s = 0.0, trigger_s = 0.0, rig_s = 0.0;
   double archive_s = 0.0;  ///< worker busy, wall time; overlaps motion
@@ -41,10 +41,12 @@ struct AcquireSummary {
   double wall_s = 0.0;
 };
 
-/// The plan must have passed `check_plan`; every target is checked again by the axes themselves before the first move.
-/// `provenance` goes into the start document as it is. Whatever ends the run, all axes are stopped and the journal's
-/// stop document says why; poses already taken are archived and journaled first.
-/// @throws Interrupted, LimitError, TimeoutError, DeviceError, ProtocolError, LineError, RecordError.
+/// The plan must have passed `check_plan`; every target is checked again by the axes themselves
+/// before the first move. `provenance` goes into the start document as it is. Whatever ends the
+/// run, all axes are stopped and the journal's stop document says why; poses already taken are
+/// archived and journaled first.
+/// @throws Interrupted, LimitError, TimeoutError, DeviceError, ProtocolError, LineError,
+/// RecordError.
 AcquireSummary acquire(Rig& rig, const RigFile& rig_file, const Plan& plan, const RunFolder& folder,
                        const nlohmann::json& provenance, const AcquireOptions& options = {},
                        const std::function<void(const Progress&)>& progress = {});

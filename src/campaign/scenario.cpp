@@ -25,7 +25,8 @@ class Reader {
     s.text = text;
     s.name = json_.at("name");
     s.title = json_.at("title");
-    s.kind = json_.at("kind") == "calibration" ? ScenarioKind::kCalibration : ScenarioKind::kAttitude;
+    s.kind =
+        json_.at("kind") == "calibration" ? ScenarioKind::kCalibration : ScenarioKind::kAttitude;
     s.dwell_s = json_.value("dwell_ms", 0.0) / 1000.0;
     check_keys(s.kind);
     if (s.kind == ScenarioKind::kAttitude)
@@ -52,28 +53,34 @@ class Reader {
     const auto& own = is_attitude ? attitude : calibration;
     for (const auto& [key, value] : json_.items())
       if (!common.contains(key) && !own.contains(key))
-        fail("/" + key, fmt::format("belongs to {} scenarios, but this one's kind is \"{}\". Remove the key or "
-                                    "correct the kind.",
-                                    is_attitude ? "calibration" : "attitude", scenario_kind_name(kind)));
-    const std::vector<std::string> required =
-        is_attitude ? std::vector<std::string>{"stage_mm", "ranges"} : std::vector<std::string>{"planes"};
+        fail(
+            "/" + key,
+            fmt::format("belongs to {} scenarios, but this one's kind is \"{}\". Remove the key or "
+                        "correct the kind.",
+                        is_attitude ? "calibration" : "attitude", scenario_kind_name(kind)));
+    const std::vector<std::string> required = is_attitude
+                                                  ? std::vector<std::string>{"stage_mm", "ranges"}
+                                                  : std::vector<std::string>{"planes"};
     for (const auto& key : required)
       if (!json_.contains(key))
-        fail("", fmt::format("key \"{}\" is missing; {} scenarios need {}.", key, scenario_kind_name(kind),
-                             fmt::join(required, ", ")));
+        fail("", fmt::format("key \"{}\" is missing; {} scenarios need {}.", key,
+                             scenario_kind_name(kind), fmt::join(required, ", ")));
   }
 
   void check_size(const std::string& pointer, double poses) const {
     if (!(poses <= static_cast<double>(kMaxPoses)))
-      fail(pointer, fmt::format("found {:.4g} poses, allowed: at most {}. Take a bigger step, a smaller range or "
-                                "fewer repeats.",
-                                poses, kMaxPoses));
+      fail(pointer,
+           fmt::format(
+               "found {:.4g} poses, allowed: at most {}. Take a bigger step, a smaller range or "
+               "fewer repeats.",
+               poses, kMaxPoses));
   }
 
   void read_attitude(Scenario& s) const {
     if (json_.contains("table")) s.table = json_.at("table").get<int>();
     s.stage_mm = json_.at("stage_mm");
-    s.order = json_.value("order", "as_written") == "snake" ? PoseOrder::kSnake : PoseOrder::kAsWritten;
+    s.order =
+        json_.value("order", "as_written") == "snake" ? PoseOrder::kSnake : PoseOrder::kAsWritten;
     s.repeats = json_.value("repeats", 1);
     s.images_per_pose = json_.value("images_per_pose", 1);
     const Json& ranges = json_.at("ranges");
@@ -84,8 +91,9 @@ class Reader {
       const AxisId axis = s.ranges.back().axis;
       for (std::size_t j = 0; j < i; ++j)
         if (s.ranges[j].axis == axis)
-          fail(at + "/axis", fmt::format("axis {} already has a range at /ranges/{}. Give each axis one range.",
-                                         axis_name(axis), j));
+          fail(at + "/axis",
+               fmt::format("axis {} already has a range at /ranges/{}. Give each axis one range.",
+                           axis_name(axis), j));
       poses *= static_cast<double>(s.ranges.back().values_deg.size());
       check_size("/ranges", poses);  // before the product can overflow anything
     }
@@ -97,33 +105,44 @@ class Reader {
     const std::vector<std::string> limits{"start_deg", "stop_deg", "step_deg"};
     for (const auto& key : limits) {
       if (listed && json.contains(key))
-        fail(at + "/" + key, "stands beside values_deg. Give either the angles themselves or start, stop and step.");
+        fail(
+            at + "/" + key,
+            "stands beside values_deg. Give either the angles themselves or start, stop and step.");
       if (!listed && !json.contains(key))
-        fail(at, fmt::format("key \"{}\" is missing. Give start_deg, stop_deg and step_deg, or values_deg.", key));
+        fail(at, fmt::format(
+                     "key \"{}\" is missing. Give start_deg, stop_deg and step_deg, or values_deg.",
+                     key));
     }
     if (listed) {
       out.values_deg = json.at("values_deg").get<std::vector<double>>();
       return out;
     }
-    const double start = json.at("start_deg"), stop = json.at("stop_deg"), step = json.at("step_deg");
-    if (step == 0.0) fail(at + "/step_deg", "found 0, allowed: any other angle, deg. Give the step between poses.");
+    const double start = json.at("start_deg"), stop = json.at("stop_deg"),
+                 step = json.at("step_deg");
+    if (step == 0.0)
+      fail(at + "/step_deg",
+           "found 0, allowed: any other angle, deg. Give the step between poses.");
     if (start == stop)
-      fail(at, fmt::format("the range is empty: it starts and stops at {} deg. For a single angle write "
-                           "\"values_deg\": [{}].",
-                           start, start));
+      fail(at, fmt::format(
+                   "the range is empty: it starts and stops at {} deg. For a single angle write "
+                   "\"values_deg\": [{}].",
+                   start, start));
     if ((stop - start) * step < 0.0)
-      fail(at + "/step_deg", fmt::format("found {} deg, which leads away from {} deg when starting at {} deg. "
-                                         "Change its sign.",
-                                         step, stop, start));
+      fail(at + "/step_deg",
+           fmt::format("found {} deg, which leads away from {} deg when starting at {} deg. "
+                       "Change its sign.",
+                       step, stop, start));
     const double steps = (stop - start) / step;
     check_size(at, steps + 1.0);
     const double whole = std::round(steps);
     if (std::abs(steps - whole) > 1e-6 || whole < 1.0)
-      fail(at, fmt::format("the step of {} deg does not divide the range from {} to {} deg: the last angle would be "
+      fail(at, fmt::format("the step of {} deg does not divide the range from {} to {} deg: the "
+                           "last angle would be "
                            "{} or {} deg. Stop at one of these or change the step.",
                            step, start, stop, tidy(start + std::floor(steps) * step),
                            tidy(start + std::ceil(steps) * step)));
-    for (int i = 0; i <= static_cast<int>(whole); ++i) out.values_deg.push_back(tidy(start + i * step));
+    for (int i = 0; i <= static_cast<int>(whole); ++i)
+      out.values_deg.push_back(tidy(start + i * step));
     return out;
   }
 
@@ -138,14 +157,17 @@ class Reader {
       for (std::size_t j = 0; j < i; ++j)
         if (s.planes[j].stage_mm == plane.stage_mm)
           fail(fmt::format("/planes/{}/stage_mm", i),
-               fmt::format("found {} mm, which /planes/{} has already. Planes must lie apart.", plane.stage_mm, j));
+               fmt::format("found {} mm, which /planes/{} has already. Planes must lie apart.",
+                           plane.stage_mm, j));
       s.planes.push_back(plane);
       fits += plane.fit ? 1 : 0;
     }
     if (fits < 2)
-      fail("/planes", fmt::format("found {} plane(s) with \"use\": \"fit\", allowed: at least 2. A ray needs two "
-                                  "points.",
-                                  fits));
+      fail("/planes",
+           fmt::format(
+               "found {} plane(s) with \"use\": \"fit\", allowed: at least 2. A ray needs two "
+               "points.",
+               fits));
     if (json_.contains("pinhole_views"))
       for (const Json& view : json_.at("pinhole_views"))
         s.pinhole_views.push_back({view.at("stage_mm"), view.value("yaw_deg", 0.0),
@@ -194,27 +216,33 @@ Campaign load_campaign(const std::filesystem::path& file) {
     const auto named = steps[i].at("scenario").get<std::string>();
     const std::filesystem::path path = file.parent_path() / named;
     if (!std::filesystem::is_regular_file(path))
-      throw ConfigError(campaign.file, at + "/scenario",
-                        fmt::format("found \"{}\", but there is no file {}. Paths are relative to the campaign file.",
-                                    named, path.lexically_normal().string()));
+      throw ConfigError(
+          campaign.file, at + "/scenario",
+          fmt::format(
+              "found \"{}\", but there is no file {}. Paths are relative to the campaign file.",
+              named, path.lexically_normal().string()));
     if (const std::string kind = format_of(path); kind != "scenario")
-      throw ConfigError(campaign.file, at + "/scenario",
-                        fmt::format("found \"{}\", which is a {} file, allowed: a scenario file.", named, kind));
+      throw ConfigError(
+          campaign.file, at + "/scenario",
+          fmt::format("found \"{}\", which is a {} file, allowed: a scenario file.", named, kind));
     Scenario scenario = load_scenario(path);
     if (steps[i].contains("repeats")) {
       if (scenario.kind == ScenarioKind::kCalibration)
-        throw ConfigError(campaign.file, at + "/repeats",
-                          fmt::format("scenario {} is a calibration, which is not repeated. Raise its "
-                                      "images_per_plane instead.",
-                                      scenario.name));
+        throw ConfigError(
+            campaign.file, at + "/repeats",
+            fmt::format("scenario {} is a calibration, which is not repeated. Raise its "
+                        "images_per_plane instead.",
+                        scenario.name));
       scenario.repeats = steps[i].at("repeats");
     }
     for (std::size_t j = 0; j < campaign.scenarios.size(); ++j)
       if (campaign.scenarios[j].name == scenario.name)
-        throw ConfigError(campaign.file, at + "/scenario",
-                          fmt::format("scenario name \"{}\" is already that of /steps/{}. Use \"repeats\" to run a "
-                                      "scenario again, or give this one another name.",
-                                      scenario.name, j));
+        throw ConfigError(
+            campaign.file, at + "/scenario",
+            fmt::format(
+                "scenario name \"{}\" is already that of /steps/{}. Use \"repeats\" to run a "
+                "scenario again, or give this one another name.",
+                scenario.name, j));
     campaign.scenarios.push_back(std::move(scenario));
   }
   return campaign;

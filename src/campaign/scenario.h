@@ -66,8 +66,9 @@ struct Campaign {
 /// Most poses a plan may have: more is a slip of the pen (a step of 0.001 on three axes).
 constexpr std::size_t kMaxPoses = 1'000'000;
 
-/// @throws ConfigError with file and JSON pointer: schema, step 0 or of the wrong sign, a range that its step does not
-/// divide, an axis given twice, fewer than two planes to fit, keys of the other kind, too many poses.
+/// @throws ConfigError with file and JSON pointer: schema, step 0 or of the wrong sign, a range
+/// that its step does not divide, an axis given twice, fewer than two planes to fit, keys of the
+/// other kind, too many poses.
 Scenario load_scenario(const std::filesystem::path& file);
 Scenario parse_scenario(const std::string& text, const std::string& name);
 

@@ -145,6 +145,8 @@ Json parse_or_throw(std::string_view text, const std::string& name) {
                       fmt::format("not valid JSON at line {}, column {}: {} (JSON has no comments, no "
                                   "trailing commas, no NaN)",
                                   line, column, detail));
+  } catch (const Json::exception& e) {
+    throw ConfigError(name, "", fmt::format("not valid JSON: {}", e.what()));
   }
 }
 

@@ -14,6 +14,8 @@ namespace {
 
 constexpr int kMaxOrder = 12;
 constexpr double kOutlierSigmas = 6.0;
+/// A circle this near is neither a wrong match nor smeared; where noise is lower still, the model's own error shows.
+constexpr double kNeverOutlierPx = 0.1;
 
 /// P_0..P_order at t.
 void legendre(double t, int order, double* out) {
@@ -231,7 +233,7 @@ IrtFit fit_irt(std::span<const PlanePoint> points, RayPlanes planes, int order, 
   std::vector<bool> use(points.size(), true);
 
   IrtFit fit;
-  for (int pass = 0;; ++pass) {
+  for (;;) {
     const auto used = std::ranges::count(use, true);
     if (static_cast<double>(used) < 3.0 * static_cast<double>(terms)) {
       int carried = 0;
@@ -270,16 +272,23 @@ IrtFit fit_irt(std::span<const PlanePoint> points, RayPlanes planes, int order, 
     for (std::size_t i = 0; i < points.size(); ++i)
       if (use[i]) misses.push_back(residual_mm(fit.model, points[i]).norm());
     // The median length of a two-dimensional normal error is 1.1774 standard deviations.
-    const double limit = kOutlierSigmas * std::max(median(misses) / 1.1774, 1e-9);
-    bool dropped = false;
-    for (std::size_t i = 0; i < points.size(); ++i)
-      if (use[i] && residual_mm(fit.model, points[i]).norm() > limit) {
-        use[i] = false;
-        dropped = true;
-        fit.outliers.push_back(points[i]);
+    const Vector2d middle(0.5 * size.width, 0.5 * size.height);
+    const double mm_per_px = (fit.model.ray(middle + Vector2d(1, 0)).at_a - fit.model.ray(middle).at_a).norm();
+    const double limit = std::max(kOutlierSigmas * median(misses) / 1.1774, kNeverOutlierPx * mm_per_px);
+    // One at a time: an outlier pulls the fit away from its neighbours, which are innocent.
+    std::size_t worst = points.size();
+    double worst_miss = limit;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      const double miss = use[i] ? residual_mm(fit.model, points[i]).norm() : 0.0;
+      if (miss > worst_miss) {
+        worst = i;
+        worst_miss = miss;
       }
-    if (!dropped) return fit;
-    if (fit.outliers.size() * 10 > points.size() || pass >= 10)
+    }
+    if (worst == points.size()) return fit;
+    use[worst] = false;
+    fit.outliers.push_back(points[worst]);
+    if (fit.outliers.size() * 10 > points.size())
       throw Error(fmt::format("{} of {} points do not fit a model of order {}: not an outlier problem. Look at the "
                               "images and at the plane positions.",
                               fit.outliers.size(), points.size(), order));

@@ -83,7 +83,8 @@ struct IrtFit {
   int points = 0;                    ///< used
 };
 
-/// Least squares with outliers removed (more than 6 robust standard deviations off, at most a tenth of the points).
+/// Least squares with outliers removed, the worst first: more than 6 robust standard deviations and 0.1 px off, at most
+/// a tenth of the points.
 /// @throws Error if the points do not carry the order: fewer than 1.5 points per coefficient and plane, or a
 /// numerically singular system; the message says what order they would carry.
 IrtFit fit_irt(std::span<const PlanePoint> points, RayPlanes planes, int order, ImageSize size);

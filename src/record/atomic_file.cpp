@@ -16,7 +16,8 @@ namespace {
 [[noreturn]] void fail(const std::filesystem::path& file, const char* what, int error) {
   const char* advice = "";
   if (error == ENOSPC || error == EDQUOT || error == EFBIG) advice = " Make room and run again.";
-  if (error == EROFS || error == EACCES || error == EPERM) advice = " Choose a folder that can be written.";
+  if (error == EROFS || error == EACCES || error == EPERM)
+    advice = " Choose a folder that can be written.";
   throw RecordError(
       fmt::format("{}: {} failed: {}.{}", file.string(), what, std::strerror(error), advice));
 }

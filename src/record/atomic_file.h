@@ -7,18 +7,20 @@
 
 namespace turntable {
 
-/// A file that is on the medium already, but not under its name. Several may be staged at once from several threads:
-/// their syncs then share the disk's time, which is most of what an image costs. Vanishes unless committed.
+/// A file that is on the medium already, but not under its name. Several may be staged at once from
+/// several threads: their syncs then share the disk's time, which is most of what an image costs.
+/// Vanishes unless committed.
 class StagedFile {
  public:
-  /// Writes `bytes` to a temporary file beside `file` and syncs it. @throws RecordError naming the file and the cause
-  /// (full disk, read-only, ...).
+  /// Writes `bytes` to a temporary file beside `file` and syncs it. @throws RecordError naming the
+  /// file and the cause (full disk, read-only, ...).
   StagedFile(const std::filesystem::path& file, std::string_view bytes);
   ~StagedFile();
   StagedFile(StagedFile&& other) noexcept;
   StagedFile& operator=(StagedFile&&) = delete;
 
-  /// Gives the file its name, replacing an older one; lasting once its folder is synced. @throws RecordError.
+  /// Gives the file its name, replacing an older one; lasting once its folder is synced. @throws
+  /// RecordError.
   void commit();
 
  private:
@@ -26,8 +28,9 @@ class StagedFile {
   std::string temporary_;  ///< empty once committed
 };
 
-/// Stages, commits and syncs the folder. When this returns, the file survives a power cut; when it throws, nothing of
-/// it is left behind and an older file of that name is untouched. @throws RecordError.
+/// Stages, commits and syncs the folder. When this returns, the file survives a power cut; when it
+/// throws, nothing of it is left behind and an older file of that name is untouched. @throws
+/// RecordError.
 void write_atomically(const std::filesystem::path& file, std::string_view bytes);
 
 /// Makes new names in `folder` survive a power cut. @throws RecordError.

@@ -22,12 +22,14 @@ constexpr std::array<std::string_view, 3> kModeNames{"full", "regions", "none"};
 
 std::uint32_t big_endian(std::string_view bytes, std::size_t at) {
   std::uint32_t value = 0;
-  for (std::size_t i = 0; i < 4; ++i) value = (value << 8u) | static_cast<unsigned char>(bytes[at + i]);
+  for (std::size_t i = 0; i < 4; ++i)
+    value = (value << 8u) | static_cast<unsigned char>(bytes[at + i]);
   return value;
 }
 
-/// What is wrong with a PNG file that should hold an 8-bit grey image; empty if nothing is. libpng hands out what
-/// it has got of a cut file and complains on stderr only, so the chunks are walked before it sees them.
+/// What is wrong with a PNG file that should hold an 8-bit grey image; empty if nothing is. libpng
+/// hands out what it has got of a cut file and complains on stderr only, so the chunks are walked
+/// before it sees them.
 std::string complaint(std::string_view png) {
   using namespace std::string_view_literals;
   constexpr std::string_view kSignature = "\x89PNG\r\n\x1a\n"sv;
@@ -45,17 +47,21 @@ std::string complaint(std::string_view png) {
     boost::crc_32_type crc;
     crc.process_bytes(type_and_data.data(), type_and_data.size());
     if (crc.checksum() != big_endian(png, at + 8 + length))
-      return "the file is damaged (a checksum inside it is wrong). Take the image again or restore it from a copy.";
+      return "the file is damaged (a checksum inside it is wrong). Take the image again or restore "
+             "it from a copy.";
     const std::string_view type = type_and_data.substr(0, 4);
     if (first) {
-      if (type != "IHDR" || length != 13) return "this is not a PNG image. Convert it to an 8-bit grey PNG.";
+      if (type != "IHDR" || length != 13)
+        return "this is not a PNG image. Convert it to an 8-bit grey PNG.";
       const int depth = static_cast<unsigned char>(type_and_data[12]);
       const int colour = static_cast<unsigned char>(type_and_data[13]);
       if (colour != 0)
-        return "found a colour, palette or transparent image, allowed: 8-bit grey. Convert it to grey.";
+        return "found a colour, palette or transparent image, allowed: 8-bit grey. Convert it to "
+               "grey.";
       if (depth != 8)
-        return fmt::format("found {} bits per pixel, allowed: 8-bit grey. Convert it, or set the camera to 8 bit.",
-                           depth);
+        return fmt::format(
+            "found {} bits per pixel, allowed: 8-bit grey. Convert it, or set the camera to 8 bit.",
+            depth);
       first = false;
     }
     if (type == "IEND") return {};
@@ -106,14 +112,15 @@ Image keep_regions(ImageView image, std::span<const Region> regions, int margin_
 }
 
 std::string encode_png(ImageView image) {
-  // OpenCV's own settings (SUB filter, level 1, run lengths) were the fastest of ten tried on 1024 x 1024 px:
-  // 13 ms and 0.47 MB with noise, 3 ms and 10 kB with four regions.
+  // OpenCV's own settings (SUB filter, level 1, run lengths) were the fastest of ten tried on 1024
+  // x 1024 px: 13 ms and 0.47 MB with noise, 3 ms and 10 kB with four regions.
   if (image.empty()) throw RecordError("an empty image cannot be archived");
   try {
     const cv::Mat pixels(image.height, image.width, CV_8UC1, const_cast<std::uint8_t*>(image.data),
                          static_cast<std::size_t>(image.stride));
     std::vector<unsigned char> bytes;
-    if (!cv::imencode(".png", pixels, bytes)) throw RecordError("an image cannot be encoded as PNG");
+    if (!cv::imencode(".png", pixels, bytes))
+      throw RecordError("an image cannot be encoded as PNG");
     return {bytes.begin(), bytes.end()};
   } catch (const cv::Exception& e) {
     throw RecordError(std::string("an image cannot be encoded as PNG: ") + e.what());
@@ -131,9 +138,10 @@ Image load_image(const std::filesystem::path& file, std::string_view sha256) {
   if (const std::string wrong = complaint(bytes); !wrong.empty())
     throw ConfigError(file.string(), "", wrong);
   if (!sha256.empty() && sha256_hex(bytes) != sha256)
-    throw ConfigError(file.string(), "",
-                      "the image is not the one that was taken: its SHA-256 differs from the journal's. "
-                      "Restore it from a copy.");
+    throw ConfigError(
+        file.string(), "",
+        "the image is not the one that was taken: its SHA-256 differs from the journal's. "
+        "Restore it from a copy.");
   cv::Mat pixels;
   try {
     pixels = cv::imdecode(cv::Mat(1, static_cast<int>(bytes.size()), CV_8UC1, bytes.data()),

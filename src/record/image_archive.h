@@ -19,7 +19,8 @@ std::string_view archive_mode_name(ArchiveMode mode);  ///< "full", "regions", "
 /// @throws ConfigError listing the modes.
 ArchiveMode archive_mode_from_name(std::string_view name);
 
-/// Around each spot: enough for the background and noise that the spot's own uncertainty is taken from.
+/// Around each spot: enough for the background and noise that the spot's own uncertainty is taken
+/// from.
 constexpr int kRegionMarginPx = 16;
 
 /// Pixel rectangle, both ends included.
@@ -27,8 +28,9 @@ struct Region {
   int left = 0, top = 0, right = -1, bottom = -1;
 };
 
-/// The image with everything farther than `margin_px` from all regions set to its smallest grey value. One pixel
-/// at its largest is kept wherever it is, so that minimum, maximum and therefore the threshold stay the same.
+/// The image with everything farther than `margin_px` from all regions set to its smallest grey
+/// value. One pixel at its largest is kept wherever it is, so that minimum, maximum and therefore
+/// the threshold stay the same.
 Image keep_regions(ImageView image, std::span<const Region> regions, int margin_px);
 
 /// The bytes of a PNG file. @throws RecordError if encoding fails.
@@ -37,8 +39,9 @@ std::string encode_png(ImageView image);
 /// Encodes and writes atomically. @return SHA-256 of the file's bytes. @throws RecordError.
 std::string write_image(const std::filesystem::path& file, ImageView image);
 
-/// Reads an 8-bit grey PNG. The file is checked chunk by chunk before it is decoded, so a truncated or altered one
-/// is never taken for a dark image. @param sha256 if not empty, the file's bytes must have this hash.
+/// Reads an 8-bit grey PNG. The file is checked chunk by chunk before it is decoded, so a truncated
+/// or altered one is never taken for a dark image. @param sha256 if not empty, the file's bytes
+/// must have this hash.
 /// @throws ConfigError naming the file and what to do.
 Image load_image(const std::filesystem::path& file, std::string_view sha256 = {});
 

@@ -38,8 +38,8 @@ double monotonic_s() {
 }
 
 [[noreturn]] void fail(const std::filesystem::path& file, const char* what, int error) {
-  throw RecordError(fmt::format("{}: {} failed: {}. What was recorded before is safe.", file.string(),
-                                what, std::strerror(error)));
+  throw RecordError(fmt::format("{}: {} failed: {}. What was recorded before is safe.",
+                                file.string(), what, std::strerror(error)));
 }
 
 /// @return what is wrong with the line; empty if nothing is.
@@ -50,10 +50,10 @@ std::string check_line(std::string_view line, std::uint64_t expected_seq, Json& 
   if (!member.starts_with(kCrcKey)) return "has no CRC at its end";
   if (member.substr(kCrcKey.size(), 8) != crc_of(body)) return "does not match its CRC";
   out = Json::parse(line, nullptr, /*allow_exceptions=*/false);
-  if (!out.is_object() || !out.contains("name") || !out["name"].is_string() || !out.contains("doc") ||
-      !out["doc"].is_object() || !out.contains("seq") || !out["seq"].is_number_unsigned() ||
-      !out.contains("utc") || !out["utc"].is_string() || !out.contains("mono_s") ||
-      !out["mono_s"].is_number())
+  if (!out.is_object() || !out.contains("name") || !out["name"].is_string() ||
+      !out.contains("doc") || !out["doc"].is_object() || !out.contains("seq") ||
+      !out["seq"].is_number_unsigned() || !out.contains("utc") || !out["utc"].is_string() ||
+      !out.contains("mono_s") || !out["mono_s"].is_number())
     return "is not a journal document";
   if (const auto seq = out["seq"].get<std::uint64_t>(); seq != expected_seq)
     return fmt::format("has sequence number {} where {} was expected", seq, expected_seq);
@@ -74,9 +74,9 @@ Journal::~Journal() {
 
 void Journal::append(std::string_view name, const Json& doc) {
   // Devices may say anything about themselves: what is not UTF-8 is replaced, not refused.
-  std::string line = fmt::format(
-      R"({{"name":"{}","doc":{},"seq":{},"utc":"{}","mono_s":{:.6f})", name,
-      doc.dump(-1, ' ', false, Json::error_handler_t::replace), next_seq_, utc_now(), monotonic_s());
+  std::string line = fmt::format(R"({{"name":"{}","doc":{},"seq":{},"utc":"{}","mono_s":{:.6f})",
+                                 name, doc.dump(-1, ' ', false, Json::error_handler_t::replace),
+                                 next_seq_, utc_now(), monotonic_s());
   const std::string crc = crc_of(line);
   line.append(kCrcKey).append(crc).append("\"}\n");
 
@@ -85,8 +85,10 @@ void Journal::append(std::string_view name, const Json& doc) {
   while (written < 0 && errno == EINTR);
   if (written != static_cast<ssize_t>(line.size())) {
     const int error = written < 0 ? errno : ENOSPC;
-    // Half a line in the middle would spoil everything after it; should this fail too, the reader says so.
-    if (written > 0) [[maybe_unused]] const int ignored = ::ftruncate(fd_, size_);
+    // Half a line in the middle would spoil everything after it; should this fail too, the reader
+    // says so.
+    if (written > 0) [[maybe_unused]]
+      const int ignored = ::ftruncate(fd_, size_);
     fail(file_, "writing", error);
   }
   size_ += static_cast<std::int64_t>(line.size());
@@ -101,7 +103,8 @@ JournalReadout read_journal(const std::filesystem::path& file,
                             const std::function<void(const JournalEntry&)>& visit) {
   std::ifstream in(file, std::ios::binary);
   if (!in || std::filesystem::is_directory(file))
-    throw ConfigError(file.string(), "", "cannot be read. A run folder has a journal once it was started.");
+    throw ConfigError(file.string(), "",
+                      "cannot be read. A run folder has a journal once it was started.");
   JournalReadout out;
   std::string line;
   Json parsed;
@@ -112,9 +115,11 @@ JournalReadout read_journal(const std::filesystem::path& file,
     if (!wrong.empty()) {
       const std::string what = fmt::format("line {} {}", out.next_seq, wrong);
       if (ended && in.peek() != std::ifstream::traits_type::eof())
-        throw ConfigError(file.string(), "",
-                          what + ". The journal was altered or damaged; only its last line may be cut off. "
-                                 "Restore the file from a copy.");
+        throw ConfigError(
+            file.string(), "",
+            what +
+                ". The journal was altered or damaged; only its last line may be cut off. "
+                "Restore the file from a copy.");
       out.torn = what;
       break;
     }

@@ -1,8 +1,9 @@
 // journal.jsonl: the truth about a run, one JSON object per line, only ever appended to.
-//   {"name":"start|descriptor|event|stop","doc":{...},"seq":1,"utc":"...","mono_s":1.5,"crc":"89abcdef"}
-// `name` and `doc` are Bluesky's event model; `seq` counts lines from 1; `mono_s` is the machine's monotonic clock,
-// so that a stepped wall clock shows. `crc` is CRC-32 (IEEE 802.3, as in zlib; 8 lower-case hex digits) over the
-// bytes of the line with `,"crc":"89abcdef"` taken out and without the line end: in Python,
+//   {"name":"event","doc":{...},"seq":7,"utc":"...","mono_s":1.5,"crc":"89abcdef"}
+// `name` (start, descriptor, event, stop) and `doc` are Bluesky's event model; `seq` counts lines
+// from 1; `mono_s` is the machine's monotonic clock, so that a stepped wall clock shows. `crc` is
+// CRC-32 (IEEE 802.3, as in zlib; 8 lower-case hex digits) over the bytes of the line with
+// `,"crc":"89abcdef"` taken out and without the line end: in Python,
 //   zlib.crc32(line[:-18] + b"}")      for `line` without its newline.
 #pragma once
 
@@ -54,8 +55,9 @@ struct JournalReadout {
   std::optional<std::string> torn;  ///< what was wrong with the last line, if it was cut off
 };
 
-/// Visits every line in order, checking sequence and CRC. A last line that is damaged or has no line end is what a
-/// power cut leaves: it is left out and said in `torn`. @throws ConfigError for damage anywhere else, naming the line.
+/// Visits every line in order, checking sequence and CRC. A last line that is damaged or has no
+/// line end is what a power cut leaves: it is left out and said in `torn`. @throws ConfigError for
+/// damage anywhere else, naming the line.
 JournalReadout read_journal(const std::filesystem::path& file,
                             const std::function<void(const JournalEntry&)>& visit);
 

@@ -15,8 +15,8 @@ namespace turntable {
 namespace {
 
 constexpr std::array<std::string_view, 2> kKindNames{"calibration", "attitude"};
-constexpr std::array<std::string_view, 5> kRoleNames{"reference", "measure", "plane_fit", "plane_check",
-                                                     "pinhole_view"};
+constexpr std::array<std::string_view, 5> kRoleNames{"reference", "measure", "plane_fit",
+                                                     "plane_check", "pinhole_view"};
 
 /// Index of a name that the schema has already checked.
 template <class Enum, std::size_t N>
@@ -78,9 +78,10 @@ Json pose_json(const PlannedPose& p) {
 FrozenText read_frozen(const Json& json, const std::string& name, const std::string& pointer) {
   FrozenText frozen{json.at("file"), json.at("text"), json.at("sha256")};
   if (sha256_hex(frozen.text) != frozen.sha256)
-    throw ConfigError(name, pointer + "/text",
-                      "the frozen copy does not match its SHA-256: the plan was edited. Make a new plan from the "
-                      "changed file instead.");
+    throw ConfigError(
+        name, pointer + "/text",
+        "the frozen copy does not match its SHA-256: the plan was edited. Make a new plan from the "
+        "changed file instead.");
   return frozen;
 }
 
@@ -93,7 +94,8 @@ ScenarioInfo read_scenario(const Json& json) {
   if (json.contains("table")) s.table = json.at("table").get<int>();
   s.polynomial_order = json.value("polynomial_order", s.polynomial_order);
   s.repeats = json.at("repeats");
-  for (const Json& axis : json.at("axes")) s.axes.push_back(axis_from_name(axis.get<std::string>()));
+  for (const Json& axis : json.at("axes"))
+    s.axes.push_back(axis_from_name(axis.get<std::string>()));
   return s;
 }
 
@@ -125,10 +127,14 @@ std::string_view role_name(PoseRole role) { return kRoleNames.at(static_cast<std
 
 double PlannedPose::target(AxisId axis) const {
   switch (axis) {
-    case AxisId::kStage: return stage_mm;
-    case AxisId::kYaw: return yaw_deg;
-    case AxisId::kRoll: return roll_deg;
-    case AxisId::kPitch: break;
+    case AxisId::kStage:
+      return stage_mm;
+    case AxisId::kYaw:
+      return yaw_deg;
+    case AxisId::kRoll:
+      return roll_deg;
+    case AxisId::kPitch:
+      break;
   }
   return pitch_deg;
 }
@@ -155,8 +161,9 @@ void number_poses(Plan& plan) {
 }
 
 std::string plan_text(const Plan& plan) {
-  Json head{{"format", "turntable-plan/1"}, {"name", plan.name},           {"title", plan.title},
-            {"rig", frozen_json(plan.rig)}, {"sources", Json::array()}, {"scenarios", Json::array()}};
+  Json head{{"format", "turntable-plan/1"}, {"name", plan.name},
+            {"title", plan.title},          {"rig", frozen_json(plan.rig)},
+            {"sources", Json::array()},     {"scenarios", Json::array()}};
   for (const auto& source : plan.sources) head["sources"].push_back(frozen_json(source));
   for (const auto& scenario : plan.scenarios) head["scenarios"].push_back(scenario_json(scenario));
   std::string text = head.dump(1);
@@ -191,16 +198,19 @@ Plan parse_plan(std::string_view text, const std::string& name) {
   std::unordered_set<std::string_view> seen;
   for (std::size_t i = 0; i < plan.poses.size(); ++i) {
     if (plan.poses[i].id != ids[i])
-      throw ConfigError(name, fmt::format("/poses/{}/id", i),
-                        fmt::format("found {}, but the pose's targets give {}: the plan was edited. Change the "
-                                    "scenario and make a new plan instead.",
-                                    plan.poses[i].id, ids[i]));
+      throw ConfigError(
+          name, fmt::format("/poses/{}/id", i),
+          fmt::format("found {}, but the pose's targets give {}: the plan was edited. Change the "
+                      "scenario and make a new plan instead.",
+                      plan.poses[i].id, ids[i]));
     if (!seen.insert(ids[i]).second)
       throw ConfigError(name, fmt::format("/poses/{}/id", i), ids[i] + " is there twice.");
   }
   return plan;
 }
 
-Plan load_plan(const std::filesystem::path& file) { return parse_plan(read_text(file), file.string()); }
+Plan load_plan(const std::filesystem::path& file) {
+  return parse_plan(read_text(file), file.string());
+}
 
 }  // namespace turntable

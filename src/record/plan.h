@@ -1,10 +1,9 @@
-// A plan: every pose of a run, frozen before anything moves, with copies of the files it was made from.
-// Poses are joined with what happened by `PlannedPose::id`, never by their place in a list.
+// A plan: every pose of a run, frozen before anything moves, with copies of the files it was made
+// from. Poses are joined with what happened by `PlannedPose::id`, never by their place in a list.
 #pragma once
 
 #include <cstddef>
 #include <filesystem>
-#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -25,7 +24,8 @@ enum class PoseRole {
   kPlaneCheck,   ///< calibration plane kept out of the fit
   kPinholeView,  ///< tilted pattern for the pinhole baseline
 };
-std::string_view role_name(PoseRole role);  ///< "reference", "measure", "plane_fit", "plane_check", "pinhole_view"
+/// "reference", "measure", "plane_fit", "plane_check", "pinhole_view"
+std::string_view role_name(PoseRole role);
 
 struct PlannedPose {
   std::size_t index = 0;     ///< place in the order of execution, from 0
@@ -34,7 +34,9 @@ struct PlannedPose {
   PoseRole role = PoseRole::kMeasure;
   Payload payload = Payload::kLedTarget;
   int repeat = 1;  ///< from 1
-  int point = 0;   ///< attitude: visit within the repeat, 0 = reference; calibration: entry of planes or pinhole_views
+  /// Attitude: visit within the repeat, 0 = reference; calibration: entry of planes or
+  /// pinhole_views.
+  int point = 0;
   double stage_mm = 0.0;
   double yaw_deg = 0.0;
   double roll_deg = 0.0;
@@ -42,8 +44,8 @@ struct PlannedPose {
   double dwell_s = 0.0;  ///< wait after the axes have settled
   int images = 1;
 
-  double target(AxisId axis) const;   ///< mm or deg
-  GimbalAngles angles() const;        ///< rad
+  double target(AxisId axis) const;  ///< mm or deg
+  GimbalAngles angles() const;       ///< rad
 };
 
 struct ScenarioInfo {
@@ -51,10 +53,11 @@ struct ScenarioInfo {
   std::string title;
   std::string file;  ///< as named in messages
   ScenarioKind kind = ScenarioKind::kAttitude;
-  std::optional<int> table;   ///< published table this scenario repeats: 3, 4 or 5
-  int polynomial_order = 5;   ///< calibration only
+  std::optional<int> table;  ///< published table this scenario repeats: 3, 4 or 5
+  int polynomial_order = 5;  ///< calibration only
   int repeats = 1;
-  std::vector<AxisId> axes;   ///< attitude: axes with a range, outermost first (entry i is /ranges/i)
+  /// Attitude: axes with a range, outermost first (entry i is /ranges/i).
+  std::vector<AxisId> axes;
 };
 
 /// A copy of a file as it was when the plan was made.
@@ -73,17 +76,21 @@ struct Plan {
   std::vector<ScenarioInfo> scenarios;
   std::vector<PlannedPose> poses;
 
-  const ScenarioInfo& scenario_of(const PlannedPose& pose) const { return scenarios[pose.scenario]; }
+  const ScenarioInfo& scenario_of(const PlannedPose& pose) const {
+    return scenarios[pose.scenario];
+  }
 };
 
-/// Hash of scenario name, role, targets and repeat; `occurrence` (from 0) tells visits of the same place apart.
+/// Hash of scenario name, role, targets and repeat; `occurrence` (from 0) tells visits of the same
+/// place apart.
 std::string pose_id(const PlannedPose& pose, std::string_view scenario_name, int occurrence);
 /// Fills `index` and `id` of every pose.
 void number_poses(Plan& plan);
 
 /// plan.json, one line per pose (schema "plan").
 std::string plan_text(const Plan& plan);
-/// @throws ConfigError: not a plan, frozen copies or ids that do not match their hashes, ids that are not unique.
+/// @throws ConfigError: not a plan, frozen copies or ids that do not match their hashes, ids that
+/// are not unique.
 Plan parse_plan(std::string_view text, const std::string& name);
 Plan load_plan(const std::filesystem::path& file);
 

@@ -1,5 +1,5 @@
-// A taken pose as the data of a journal event, and back. Flat keys with units, so that a table of all events is a
-// table of all poses.
+// A taken pose as the data of a journal event, and back. Flat keys with units, so that a table of
+// all events is a table of all poses.
 #pragma once
 
 #include <string_view>

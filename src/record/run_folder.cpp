@@ -22,15 +22,17 @@ RunFolder RunFolder::create(const std::filesystem::path& root, const Plan& plan)
     if (!std::filesystem::is_directory(status))
       throw ConfigError(root.string(), "", "is a file. Choose a new folder for the run.");
     if (!std::filesystem::is_empty(root, error) || error)
-      throw ConfigError(root.string(), "",
-                        "is not empty: a run is never written over another one. Choose a new folder.");
+      throw ConfigError(
+          root.string(), "",
+          "is not empty: a run is never written over another one. Choose a new folder.");
   }
   RunFolder folder(root);
   for (const auto& path : {folder.root(), folder.images(), folder.tables(), folder.figures()}) {
     std::filesystem::create_directories(path, error);
     if (error)
-      throw RecordError(fmt::format("{}: cannot be created: {}. Choose a folder that can be written.",
-                                    path.string(), error.message()));
+      throw RecordError(
+          fmt::format("{}: cannot be created: {}. Choose a folder that can be written.",
+                      path.string(), error.message()));
   }
   write_atomically(folder.plan(), plan_text(plan));
   sync_folder(std::filesystem::absolute(root).parent_path());
@@ -41,7 +43,8 @@ RunFolder RunFolder::open(const std::filesystem::path& root) {
   RunFolder folder(root);
   std::error_code error;
   if (!std::filesystem::is_regular_file(folder.plan(), error))
-    throw ConfigError(root.string(), "", "is no run folder: it holds no plan.json. Name the folder that `run` made.");
+    throw ConfigError(root.string(), "",
+                      "is no run folder: it holds no plan.json. Name the folder that `run` made.");
   return folder;
 }
 
@@ -51,15 +54,21 @@ std::filesystem::path RunFolder::default_root(const std::string& name) {
 
 AxisReadback& TakenPose::axis(AxisId id) {
   switch (id) {
-    case AxisId::kStage: return stage;
-    case AxisId::kYaw: return yaw;
-    case AxisId::kRoll: return roll;
-    case AxisId::kPitch: break;
+    case AxisId::kStage:
+      return stage;
+    case AxisId::kYaw:
+      return yaw;
+    case AxisId::kRoll:
+      return roll;
+    case AxisId::kPitch:
+      break;
   }
   return pitch;
 }
 
-const AxisReadback& TakenPose::axis(AxisId id) const { return const_cast<TakenPose&>(*this).axis(id); }
+const AxisReadback& TakenPose::axis(AxisId id) const {
+  return const_cast<TakenPose&>(*this).axis(id);
+}
 
 GimbalAngles TakenPose::angles() const {
   return {rad_from_deg(yaw.position), rad_from_deg(roll.position), rad_from_deg(pitch.position)};
@@ -81,10 +90,11 @@ RunRecord read_run(const RunFolder& folder) {
         const auto id = entry.doc.at("data").at("pose_id").get<std::string>();
         const auto found = index_of.find(id);
         if (found == index_of.end())
-          throw ConfigError(name, "",
-                            fmt::format("line {} records pose {}, which the plan does not know. Plan and journal "
-                                        "are of different runs; restore the folder from a copy.",
-                                        entry.seq, id));
+          throw ConfigError(
+              name, "",
+              fmt::format("line {} records pose {}, which the plan does not know. Plan and journal "
+                          "are of different runs; restore the folder from a copy.",
+                          entry.seq, id));
         TakenPose pose = pose_from_data(entry.doc.at("data"));
         pose.planned = record.plan.poses[found->second];
         taken[found->second] = std::move(pose);
@@ -93,8 +103,9 @@ RunRecord read_run(const RunFolder& folder) {
         record.reason = entry.doc.value("reason", "");
       }
     } catch (const Json::exception& e) {
-      throw ConfigError(name, "",
-                        fmt::format("line {} is not a document of this program: {}", entry.seq, e.what()));
+      throw ConfigError(
+          name, "",
+          fmt::format("line {} is not a document of this program: {}", entry.seq, e.what()));
     }
   });
   record.torn = readout.torn;
@@ -105,9 +116,10 @@ RunRecord read_run(const RunFolder& folder) {
 
 Image load_image(const RunFolder& folder, const TakenImage& image) {
   if (image.file.empty())
-    throw ConfigError(folder.root().string(), "",
-                      "the images of this run were not archived. Run it again with images archived as regions or "
-                      "in full.");
+    throw ConfigError(
+        folder.root().string(), "",
+        "the images of this run were not archived. Run it again with images archived as regions or "
+        "in full.");
   return load_image(folder.root() / image.file, image.sha256);
 }
 

@@ -1,4 +1,5 @@
-// One run, one folder: what was asked (plan.json), what happened (journal.jsonl, images/), what follows from it.
+// One run, one folder: what was asked (plan.json), what happened (journal.jsonl, images/), what
+// follows from it.
 #pragma once
 
 #include <cstdint>
@@ -15,8 +16,8 @@ namespace turntable {
 /// Paths of a run. A plain value; `create` and `open` check what is on disk.
 class RunFolder {
  public:
-  /// Makes the folder with the plan in it. @throws ConfigError if `root` exists and is not an empty folder,
-  /// RecordError if it cannot be written.
+  /// Makes the folder with the plan in it. @throws ConfigError if `root` exists and is not an empty
+  /// folder, RecordError if it cannot be written.
   static RunFolder create(const std::filesystem::path& root, const Plan& plan);
   /// @throws ConfigError if `root` holds no plan.json.
   static RunFolder open(const std::filesystem::path& root);
@@ -41,7 +42,7 @@ class RunFolder {
 /// How one axis stood when a pose was taken; unit of the axis.
 struct AxisReadback {
   double position = 0.0;
-  bool missed = false;    ///< outside the tolerance after all retries
+  bool missed = false;  ///< outside the tolerance after all retries
   int retries = 0;
   bool overshot = false;  ///< approached from the far side
 };
@@ -59,7 +60,7 @@ struct TakenImage {
   std::string file;    ///< relative to the run folder ("images/..."); empty if not archived
   std::string sha256;  ///< of the file; empty if not archived
   std::uint64_t frame_id = 0;
-  double exposed_s = 0.0;  ///< start of exposure on the rig's clock
+  double exposed_s = 0.0;                       ///< start of exposure on the rig's clock
   std::optional<std::vector<TakenSpot>> spots;  ///< LED target only; brightest first
 };
 
@@ -78,10 +79,13 @@ struct TakenPose {
 /// Plan and journal joined.
 struct RunRecord {
   Plan plan;
-  std::vector<TakenPose> poses;     ///< taken ones, in the plan's order; of a pose taken twice the later one
-  std::string start_document;       ///< JSON text of the first start document (provenance); empty if none
-  std::string exit_status;          ///< of the last stop document: "success", "abort", "fail"; empty if there is none
-  std::string reason;               ///< why it ended
+  std::vector<TakenPose>
+      poses;  ///< taken ones, in the plan's order; of a pose taken twice the later one
+  std::string
+      start_document;       ///< JSON text of the first start document (provenance); empty if none
+  std::string exit_status;  ///< of the last stop document: "success", "abort", "fail"; empty if
+                            ///< there is none
+  std::string reason;       ///< why it ended
   std::optional<std::string> torn;  ///< a last line that was cut off, if so
 
   bool complete() const { return poses.size() == plan.poses.size(); }
@@ -90,7 +94,8 @@ struct RunRecord {
 /// @throws ConfigError: damaged plan or journal, an event whose pose is not in the plan.
 RunRecord read_run(const RunFolder& folder);
 
-/// Reads an archived image and checks its hash. @throws ConfigError: altered, missing, or never archived.
+/// Reads an archived image and checks its hash. @throws ConfigError: altered, missing, or never
+/// archived.
 Image load_image(const RunFolder& folder, const TakenImage& image);
 
 }  // namespace turntable

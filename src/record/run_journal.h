@@ -1,5 +1,6 @@
-// Writes a run's documents into its journal, in the order and shape of Bluesky's event model: start, descriptors
-// "primary" (one event per pose) and "baseline" (the axes at start and end), events, stop.
+// Writes a run's documents into its journal, in the order and shape of Bluesky's event model:
+// start, descriptors "primary" (one event per pose) and "baseline" (the axes at start and end),
+// events, stop.
 #pragma once
 
 #include <array>
@@ -15,8 +16,8 @@ namespace turntable {
 /// Not thread-safe. Every function @throws RecordError.
 class RunJournal {
  public:
-  /// Creates the journal of `folder` and writes the start document: `start` (no "." or "/" in its keys) and what the
-  /// event model asks for.
+  /// Creates the journal of `folder` and writes the start document: `start` (no "." or "/" in its
+  /// keys) and what the event model asks for.
   RunJournal(const RunFolder& folder, const Json& start);
 
   /// Axis positions (mm, deg) in the order of kAllAxes.

@@ -54,7 +54,7 @@ std::string script_of(const Draft& draft) {
   const std::string data = draft.figure.name + ".csv";
   for (std::size_t at; (at = commands.find("DATA")) != std::string::npos;) commands.replace(at, 4, data);
   return fmt::format(
-      "set terminal svg size {} dynamic background rgb 'white' font 'sans,13'\n"
+      "set terminal svg size {} dynamic noenhanced background rgb 'white' font 'sans,13'\n"
       "set output '{}.svg'\n"
       "set datafile separator ','\nset key outside right top\nset grid lc rgb '#dddddd'\n{}",
       draft.size, draft.figure.name, commands);

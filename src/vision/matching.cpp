@@ -12,11 +12,11 @@ struct Pairing {
   std::vector<int> ray_of_point;
   double worst_mm = 0.0;
   bool mutual = true;
-  bool distinct = true;  ///< every runner-up at least twice as far
+  bool distinct = true;  ///< every runner-up at least twice as far, and half the gate
 };
 
 Pairing pair(std::span<const Vector3d> points, std::span<const Ray> rays, const RayPlanes& planes,
-             const Vector3d& shift) {
+             const Vector3d& shift, double gate_mm) {
   Eigen::MatrixXd d(static_cast<Eigen::Index>(points.size()), static_cast<Eigen::Index>(rays.size()));
   for (Eigen::Index i = 0; i < d.rows(); ++i)
     for (Eigen::Index j = 0; j < d.cols(); ++j)
@@ -29,7 +29,7 @@ Pairing pair(std::span<const Vector3d> points, std::span<const Ray> rays, const 
     d.col(best).minCoeff(&back);
     out.mutual = out.mutual && back == i;
     for (Eigen::Index j = 0; j < d.cols(); ++j)
-      if (j != best && d(i, j) < 2.0 * nearest) out.distinct = false;
+      if (j != best && d(i, j) < std::max(2.0 * nearest, 0.5 * gate_mm)) out.distinct = false;
     out.worst_mm = std::max(out.worst_mm, nearest);
     out.ray_of_point.push_back(static_cast<int>(best));
   }
@@ -52,7 +52,7 @@ Match match_to_prediction(std::span<const Vector3d> predicted, std::span<const R
                           double gate_mm) {
   Match match;
   if (rays.size() < predicted.size() || predicted.empty()) return match;
-  Pairing pairing = pair(predicted, rays, planes, Vector3d::Zero());
+  Pairing pairing = pair(predicted, rays, planes, Vector3d::Zero(), gate_mm);
   if (pairing.mutual) {
     Vector3d shift = Vector3d::Zero();
     for (std::size_t i = 0; i < predicted.size(); ++i) {
@@ -60,7 +60,7 @@ Match match_to_prediction(std::span<const Vector3d> predicted, std::span<const R
       shift.head<2>() += ray.at(predicted[i].z(), planes) - predicted[i].head<2>();
     }
     shift /= static_cast<double>(predicted.size());
-    if (shift.norm() < gate_mm) pairing = pair(predicted, rays, planes, shift);
+    if (shift.norm() < gate_mm) pairing = pair(predicted, rays, planes, shift, gate_mm);
   }
   match.ray_of_point = pairing.ray_of_point;
   match.worst_mm = pairing.worst_mm;

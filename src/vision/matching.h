@@ -19,7 +19,8 @@ struct Match {
 };
 
 /// Pairs every predicted point (plane frame, mm) with the ray that passes nearest to it. Accepted only if each
-/// pairing is mutual, nearer than `gate_mm`, and each runner-up is at least twice as far: ambiguity is an answer.
+/// pairing is mutual, nearer than `gate_mm`, and each runner-up is twice as far and half the gate away at least: ambiguity is an
+/// answer, and a reflection beside an LED is ambiguous.
 /// A common offset of the whole target is taken out first, since prediction errors are mostly common.
 Match match_to_prediction(std::span<const Vector3d> predicted, std::span<const Ray> rays, const RayPlanes& planes,
                           double gate_mm);

@@ -24,13 +24,15 @@ Campaign single(const std::string& ranges, const std::string& rest = "") {
   Campaign campaign;
   campaign.name = campaign.title = "s";
   campaign.scenarios.push_back(parse_scenario(
-      R"({"format": "turntable-scenario/1", "name": "s", "title": "S", "kind": "attitude", "stage_mm": 120)" + rest +
-          R"(, "ranges": )" + ranges + "}",
+      R"({"format": "turntable-scenario/1", "name": "s", "title": "S", "kind": "attitude",
+          "stage_mm": 120)" +
+          rest + R"(, "ranges": )" + ranges + "}",
       "s.json"));
   return campaign;
 }
 
-constexpr const char* kTwoAxes = R"([{"axis": "pitch", "values_deg": [-10, 0, 10]}, {"axis": "yaw", "values_deg": [1, 2]}])";
+constexpr const char* kTwoAxes =
+    R"([{"axis": "pitch", "values_deg": [-10, 0, 10]}, {"axis": "yaw", "values_deg": [1, 2]}])";
 
 std::vector<std::pair<double, double>> pitch_and_yaw(const Plan& plan) {
   std::vector<std::pair<double, double>> out;
@@ -38,7 +40,8 @@ std::vector<std::pair<double, double>> pitch_and_yaw(const Plan& plan) {
   return out;
 }
 
-std::pair<std::string, std::string> refusal(const Plan& plan, const RigFile& rig_file, const CheckOptions& options = {}) {
+std::pair<std::string, std::string> refusal(const Plan& plan, const RigFile& rig_file,
+                                            const CheckOptions& options = {}) {
   try {
     check_plan(plan, rig_file, options);
     return {"accepted", ""};
@@ -48,7 +51,8 @@ std::pair<std::string, std::string> refusal(const Plan& plan, const RigFile& rig
 }
 
 TEST(Plan, BeginsEachRepeatWithAReferencePose) {
-  const Plan plan = plan_campaign(single(kTwoAxes, R"(, "repeats": 2, "images_per_pose": 3, "dwell_ms": 250)"), rig());
+  const Plan plan = plan_campaign(
+      single(kTwoAxes, R"(, "repeats": 2, "images_per_pose": 3, "dwell_ms": 250)"), rig());
   ASSERT_EQ(plan.poses.size(), 14u);
   for (const std::size_t i : {0u, 7u}) {
     EXPECT_EQ(plan.poses[i].role, PoseRole::kReference);
@@ -64,15 +68,17 @@ TEST(Plan, BeginsEachRepeatWithAReferencePose) {
 }
 
 TEST(Plan, AsWrittenStartsInnerRangesAgain) {
-  EXPECT_THAT(pitch_and_yaw(plan_campaign(single(kTwoAxes), rig())),
-              ::testing::ElementsAre(std::pair(0, 0), std::pair(-10, 1), std::pair(-10, 2), std::pair(0, 1),
-                                     std::pair(0, 2), std::pair(10, 1), std::pair(10, 2)));
+  EXPECT_THAT(
+      pitch_and_yaw(plan_campaign(single(kTwoAxes), rig())),
+      ::testing::ElementsAre(std::pair(0, 0), std::pair(-10, 1), std::pair(-10, 2), std::pair(0, 1),
+                             std::pair(0, 2), std::pair(10, 1), std::pair(10, 2)));
 }
 
 TEST(Plan, SnakeMovesOneAxisByOneStepFromPoseToPose) {
-  EXPECT_THAT(pitch_and_yaw(plan_campaign(single(kTwoAxes, R"(, "order": "snake")"), rig())),
-              ::testing::ElementsAre(std::pair(0, 0), std::pair(-10, 1), std::pair(-10, 2), std::pair(0, 2),
-                                     std::pair(0, 1), std::pair(10, 1), std::pair(10, 2)));
+  EXPECT_THAT(
+      pitch_and_yaw(plan_campaign(single(kTwoAxes, R"(, "order": "snake")"), rig())),
+      ::testing::ElementsAre(std::pair(0, 0), std::pair(-10, 1), std::pair(-10, 2), std::pair(0, 2),
+                             std::pair(0, 1), std::pair(10, 1), std::pair(10, 2)));
   const Plan plan = plan_campaign(load_campaign(kScenarios / "triaxial_xyz.json"), rig());
   std::set<std::array<double, 3>> visited;
   for (std::size_t i = 1; i < plan.poses.size(); ++i) {
@@ -87,7 +93,8 @@ TEST(Plan, SnakeMovesOneAxisByOneStepFromPoseToPose) {
 }
 
 TEST(Plan, OfThePublishedCampaignHasItsPosesRepeatsAndTables) {
-  const Plan plan = plan_campaign(load_campaign(kScenarios / "campaigns" / "paper_2019.json"), rig());
+  const Plan plan =
+      plan_campaign(load_campaign(kScenarios / "campaigns" / "paper_2019.json"), rig());
   std::vector<std::size_t> counts(plan.scenarios.size());
   std::set<std::string> ids;
   for (const auto& pose : plan.poses) {
@@ -96,7 +103,8 @@ TEST(Plan, OfThePublishedCampaignHasItsPosesRepeatsAndTables) {
   }
   EXPECT_THAT(counts, ::testing::ElementsAre(15u, 3u * 22u, 3u * 32u, 3u * 170u, 1054u, 1054u));
   EXPECT_EQ(plan.scenarios[0].kind, ScenarioKind::kCalibration);
-  EXPECT_EQ(plan.scenarios[1].table, 3);
+  EXPECT_EQ(plan.scenarios[1].table, std::nullopt);
+  EXPECT_EQ(plan.scenarios[2].table, 3);
   EXPECT_EQ(plan.scenarios[3].table, 4);
   EXPECT_EQ(plan.scenarios[5].table, 5);
   EXPECT_EQ(plan.poses[0].role, PoseRole::kPlaneCheck);
@@ -113,15 +121,19 @@ TEST(Plan, SurvivesItsFile) {
 }
 
 TEST(Plan, IsTheSameEveryTime) {
-  const auto make = [] { return plan_text(plan_campaign(load_campaign(kScenarios / "campaigns" / "quick.json"), rig())); };
+  const auto make = [] {
+    return plan_text(plan_campaign(load_campaign(kScenarios / "campaigns" / "quick.json"), rig()));
+  };
   EXPECT_EQ(make(), make());
 }
 
 TEST(Scenarios, EveryFileLoadsAndFitsTheSimulatedRigs) {
   int files = 0;
   for (const auto& entry : std::filesystem::recursive_directory_iterator(kScenarios)) {
-    if (entry.path().extension() != ".json" || entry.path().parent_path().filename() == "schema") continue;
-    if (const auto format = format_of(entry.path()); format != "scenario" && format != "campaign") continue;
+    if (entry.path().extension() != ".json" || entry.path().parent_path().filename() == "schema")
+      continue;
+    if (const auto format = format_of(entry.path()); format != "scenario" && format != "campaign")
+      continue;
     ++files;
     SCOPED_TRACE(entry.path().string());
     const Campaign campaign = load_campaign(entry.path());
@@ -143,19 +155,23 @@ TEST(Scenarios, QuickStaysQuick) {
 }
 
 TEST(CheckPlan, RefusesATargetOutsideASoftLimitWithThePointerOfItsRange) {
-  const Plan plan =
-      plan_campaign(single(R"([{"axis": "yaw", "values_deg": [0, 5]}, {"axis": "pitch", "values_deg": [0, 46, 50]}])"), rig());
+  const Plan plan = plan_campaign(single(R"([{"axis": "yaw", "values_deg": [0, 5]},
+                 {"axis": "pitch", "values_deg": [0, 46, 50]}])"),
+                                  rig());
   const auto [where, what] = refusal(plan, rig());
   EXPECT_EQ(where, "s.json /ranges/1");
-  EXPECT_THAT(what, AllOf(HasSubstr("2 violations"), HasSubstr("pitch target 46 deg"), HasSubstr("pitch target 50 deg"),
-                          HasSubstr("allowed: -45 to 45 deg"), HasSubstr("nothing has moved")));
+  EXPECT_THAT(what, AllOf(HasSubstr("2 violations"), HasSubstr("pitch target 46 deg"),
+                          HasSubstr("pitch target 50 deg"), HasSubstr("allowed: -45 to 45 deg"),
+                          HasSubstr("nothing has moved")));
 }
 
 TEST(CheckPlan, RefusesATargetWhoseOvershootLeavesTheSoftLimits) {
   const Plan plan = plan_campaign(single(R"([{"axis": "pitch", "values_deg": [-44.8]}])"), rig());
   RigFile rig_file = rig();
   rig_file.axes[AxisId::kPitch].backlash = 0.5;
-  EXPECT_THAT(refusal(plan, rig_file).second, AllOf(HasSubstr("-44.8 deg is approached from -45.3 deg"), HasSubstr("1 violation:")));
+  EXPECT_THAT(
+      refusal(plan, rig_file).second,
+      AllOf(HasSubstr("-44.8 deg is approached from -45.3 deg"), HasSubstr("1 violation:")));
   rig_file.axes[AxisId::kPitch].backlash = -0.5;
   EXPECT_EQ(refusal(plan, rig_file).first, "accepted");
 }
@@ -180,7 +196,8 @@ TEST(CheckPlan, RefusesPosesThatLeaveTheFieldOfView) {
   const auto [where, what] = refusal(plan, rig_file);
   EXPECT_EQ(where, "s.json /stage_mm");  // already the reference pose
   EXPECT_THAT(what, AllOf(HasSubstr("7 violations"), HasSubstr("LED"), HasSubstr("px")));
-  const Plan calibration = plan_campaign(load_campaign(kScenarios / "calibration_sweep.json"), rig_file);
+  const Plan calibration =
+      plan_campaign(load_campaign(kScenarios / "calibration_sweep.json"), rig_file);
   EXPECT_THAT(refusal(calibration, rig_file).second, HasSubstr("direction circle"));
 }
 
@@ -197,26 +214,31 @@ TEST(CheckPlan, ListsTenViolationsAndTheNumberOfAll) {
   RigFile rig_file = rig();
   rig_file.axes[AxisId::kPitch].lower = -1;
   rig_file.axes[AxisId::kPitch].upper = 1;
-  const Plan plan =
-      plan_campaign(single(R"([{"axis": "pitch", "start_deg": -30, "stop_deg": 30, "step_deg": 3}])"), rig_file);
+  const Plan plan = plan_campaign(
+      single(R"([{"axis": "pitch", "start_deg": -30, "stop_deg": 30, "step_deg": 3}])"), rig_file);
   const auto [where, what] = refusal(plan, rig_file);
-  EXPECT_THAT(what, AllOf(HasSubstr("20 violations, the first 10"), HasSubstr("pitch target -30 deg")));
+  EXPECT_THAT(what,
+              AllOf(HasSubstr("20 violations, the first 10"), HasSubstr("pitch target -30 deg")));
   EXPECT_EQ(std::ranges::count(what, '\n'), 10);
 }
 
 TEST(CheckPlan, RefusesMoreThanTheDiskHolds) {
   const RigFile rig_file = rig();
-  Campaign campaign = single(R"([{"axis": "pitch", "start_deg": -30, "stop_deg": 30, "step_deg": 0.001}])");
+  Campaign campaign =
+      single(R"([{"axis": "pitch", "start_deg": -30, "stop_deg": 30, "step_deg": 0.001}])");
   campaign.scenarios[0].images_per_pose = 1000;  // 60 million images
   const Plan plan = plan_campaign(campaign, rig_file);
-  const CheckOptions options{ArchiveMode::kFull, std::filesystem::temp_directory_path() / "not" / "yet" / "there"};
+  const CheckOptions options{ArchiveMode::kFull,
+                             std::filesystem::temp_directory_path() / "not" / "yet" / "there"};
   EXPECT_THAT(refusal(plan, rig_file, options).second, HasSubstr("Make room"));
 }
 
 TEST(CheckPlan, ReportsSweptRangesMarginsTimeAndDisk) {
   const RigFile rig_file = rig();
-  const Plan plan = plan_campaign(single(R"([{"axis": "pitch", "start_deg": -30, "stop_deg": 30, "step_deg": 3}])"), rig_file);
-  const PlanReport report = check_plan(plan, rig_file, {ArchiveMode::kRegions, std::filesystem::temp_directory_path()});
+  const Plan plan = plan_campaign(
+      single(R"([{"axis": "pitch", "start_deg": -30, "stop_deg": 30, "step_deg": 3}])"), rig_file);
+  const PlanReport report =
+      check_plan(plan, rig_file, {ArchiveMode::kRegions, std::filesystem::temp_directory_path()});
   const AxisSweep& pitch = report.axes[3];
   const double backlash = rig_file.axis(AxisId::kPitch).backlash;
   EXPECT_EQ(pitch.target_lower, -30);
@@ -230,7 +252,8 @@ TEST(CheckPlan, ReportsSweptRangesMarginsTimeAndDisk) {
   double total = 0;
   for (const auto& time : pose_times(plan, rig_file)) total += time.total_s();
   EXPECT_NEAR(total, report.time.total_s(), 1e-9);
-  EXPECT_THAT(plan_summary(plan, report), AllOf(HasSubstr("22 poses"), HasSubstr("pitch"), HasSubstr("disk")));
+  EXPECT_THAT(plan_summary(plan, report),
+              AllOf(HasSubstr("22 poses"), HasSubstr("pitch"), HasSubstr("disk")));
 }
 
 TEST(PlanCsv, HasOneRowPerPose) {
@@ -239,7 +262,9 @@ TEST(PlanCsv, HasOneRowPerPose) {
   write_plan_csv(plan, folder / "plan.csv");
   const std::string text = slurp(folder / "plan.csv");
   EXPECT_EQ(std::ranges::count(text, '\n'), 8);
-  EXPECT_THAT(text, HasSubstr("\n1," + plan.poses[1].id + ",s,measure,led_target,1,1,120.0000,1.0000,0.0000,-10.0000,0.000,1\n"));
+  EXPECT_THAT(text,
+              HasSubstr("\n1," + plan.poses[1].id +
+                        ",s,measure,led_target,1,1,120.0000,1.0000,0.0000,-10.0000,0.000,1\n"));
 }
 
 AxisConfig plain_axis() {
@@ -251,7 +276,8 @@ AxisConfig plain_axis() {
 
 TEST(MotionTime, FollowsTheTrapezoid) {
   AxisConfig axis = plain_axis();
-  EXPECT_DOUBLE_EQ(trapezoid_seconds(axis, 28), 2 * 0.4 + 20.0 / 20);  // ramps of 4 each, 20 at full speed
+  EXPECT_DOUBLE_EQ(trapezoid_seconds(axis, 28),
+                   2 * 0.4 + 20.0 / 20);  // ramps of 4 each, 20 at full speed
   EXPECT_DOUBLE_EQ(trapezoid_seconds(axis, -28), trapezoid_seconds(axis, 28));
   EXPECT_DOUBLE_EQ(trapezoid_seconds(axis, 8), 0.8);
   EXPECT_DOUBLE_EQ(trapezoid_seconds(axis, 2), 2 * 10.0 / 50);  // peak sqrt(50 * 2)
@@ -271,8 +297,10 @@ TEST(MotionTime, OvershootsOnLongMovesAndOnMovesAgainstTheApproach) {
   axis.backlash = -0.5;
   EXPECT_TRUE(takes_overshoot(axis, 0, 0.1));
   EXPECT_FALSE(takes_overshoot(axis, 0, -0.4));
-  EXPECT_DOUBLE_EQ(move_seconds(axis, 0, -10), trapezoid_seconds(axis, 9.5) + trapezoid_seconds(axis, 0.5));
-  EXPECT_DOUBLE_EQ(move_seconds(axis, 0, 10), trapezoid_seconds(axis, 10.5) + trapezoid_seconds(axis, 0.5));
+  EXPECT_DOUBLE_EQ(move_seconds(axis, 0, -10),
+                   trapezoid_seconds(axis, 9.5) + trapezoid_seconds(axis, 0.5));
+  EXPECT_DOUBLE_EQ(move_seconds(axis, 0, 10),
+                   trapezoid_seconds(axis, 10.5) + trapezoid_seconds(axis, 0.5));
 }
 
 }  // namespace

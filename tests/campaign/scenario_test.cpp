@@ -15,13 +15,17 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
 Json attitude() {
-  return Json::parse(R"({"format": "turntable-scenario/1", "name": "s", "title": "S", "kind": "attitude",
-    "stage_mm": 120, "ranges": [{"axis": "pitch", "start_deg": -30, "stop_deg": 30, "step_deg": 3}]})");
+  return Json::parse(
+      R"({"format": "turntable-scenario/1", "name": "s", "title": "S", "kind": "attitude",
+          "stage_mm": 120,
+          "ranges": [{"axis": "pitch", "start_deg": -30, "stop_deg": 30, "step_deg": 3}]})");
 }
 
 Json calibration() {
-  return Json::parse(R"({"format": "turntable-scenario/1", "name": "c", "title": "C", "kind": "calibration",
-    "planes": [{"stage_mm": 0, "use": "check"}, {"stage_mm": 130, "use": "fit"}, {"stage_mm": 180, "use": "fit"}]})");
+  return Json::parse(
+      R"({"format": "turntable-scenario/1", "name": "c", "title": "C", "kind": "calibration",
+          "planes": [{"stage_mm": 0, "use": "check"}, {"stage_mm": 130, "use": "fit"},
+                     {"stage_mm": 180, "use": "fit"}]})");
 }
 
 Json changed(Json json, const char* pointer, const Json& value) {
@@ -51,7 +55,8 @@ Refusal refusal(const std::string& text) {
 Refusal refusal(const Json& json) { return refusal(json.dump()); }
 
 auto Refuses(const std::string& pointer, const std::string& words) {
-  return AllOf(::testing::Field(&Refusal::pointer, pointer), ::testing::Field(&Refusal::message, HasSubstr(words)));
+  return AllOf(::testing::Field(&Refusal::pointer, pointer),
+               ::testing::Field(&Refusal::message, HasSubstr(words)));
 }
 
 TEST(Scenario, ExpandsARangeWithBothEnds) {
@@ -68,8 +73,11 @@ TEST(Scenario, ExpandsARangeWithBothEnds) {
 }
 
 TEST(Scenario, ExpandsDownwardsAndToDecimalsAsWritten) {
-  Json json = changed(attitude(), "/ranges/0", {{"axis", "yaw"}, {"start_deg", 0.3}, {"stop_deg", -0.3}, {"step_deg", -0.1}});
-  EXPECT_THAT(parse_scenario(json.dump(), "s").ranges[0].values_deg, ElementsAre(0.3, 0.2, 0.1, 0.0, -0.1, -0.2, -0.3));
+  Json json =
+      changed(attitude(), "/ranges/0",
+              {{"axis", "yaw"}, {"start_deg", 0.3}, {"stop_deg", -0.3}, {"step_deg", -0.1}});
+  EXPECT_THAT(parse_scenario(json.dump(), "s").ranges[0].values_deg,
+              ElementsAre(0.3, 0.2, 0.1, 0.0, -0.1, -0.2, -0.3));
 }
 
 TEST(Scenario, TakesListedAnglesInTheirOrder) {
@@ -88,23 +96,30 @@ TEST(Scenario, ReadsACalibration) {
 }
 
 TEST(ScenarioRefuses, AStepOfZero) {
-  EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/step_deg", 0)), Refuses("/ranges/0/step_deg", "found 0"));
+  EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/step_deg", 0)),
+              Refuses("/ranges/0/step_deg", "found 0"));
 }
 
 TEST(ScenarioRefuses, AStepOfTheWrongSign) {
-  EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/step_deg", -3)), Refuses("/ranges/0/step_deg", "Change its sign"));
+  EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/step_deg", -3)),
+              Refuses("/ranges/0/step_deg", "Change its sign"));
 }
 
 TEST(ScenarioRefuses, AnEmptyRange) {
-  EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/stop_deg", -30)), Refuses("/ranges/0", "empty"));
-  EXPECT_THAT(refusal(changed(attitude(), "/ranges", Json::array())), Refuses("/ranges", "minItems"));
-  EXPECT_THAT(refusal(changed(attitude(), "/ranges/0", {{"axis", "yaw"}, {"values_deg", Json::array()}})),
-              Refuses("/ranges/0/values_deg", "minItems"));
+  EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/stop_deg", -30)),
+              Refuses("/ranges/0", "empty"));
+  EXPECT_THAT(refusal(changed(attitude(), "/ranges", Json::array())),
+              Refuses("/ranges", "minItems"));
+  EXPECT_THAT(
+      refusal(changed(attitude(), "/ranges/0", {{"axis", "yaw"}, {"values_deg", Json::array()}})),
+      Refuses("/ranges/0/values_deg", "minItems"));
 }
 
 TEST(ScenarioRefuses, AStepThatDoesNotDivideTheRangeAndSaysWhatWould) {
-  EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/step_deg", 7)), Refuses("/ranges/0", "26 or 33 deg"));
-  EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/step_deg", 700)), Refuses("/ranges/0", "does not divide"));
+  EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/step_deg", 7)),
+              Refuses("/ranges/0", "26 or 33 deg"));
+  EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/step_deg", 700)),
+              Refuses("/ranges/0", "does not divide"));
 }
 
 TEST(ScenarioRefuses, AnAxisGivenTwice) {
@@ -114,13 +129,17 @@ TEST(ScenarioRefuses, AnAxisGivenTwice) {
 }
 
 TEST(ScenarioRefuses, HalfARangeAndBothFormsAtOnce) {
-  EXPECT_THAT(refusal(without(attitude(), "/ranges/0", "stop_deg")), Refuses("/ranges/0", "stop_deg"));
-  EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/values_deg", {1, 2})), Refuses("/ranges/0/start_deg", "beside"));
+  EXPECT_THAT(refusal(without(attitude(), "/ranges/0", "stop_deg")),
+              Refuses("/ranges/0", "stop_deg"));
+  EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/values_deg", {1, 2})),
+              Refuses("/ranges/0/start_deg", "beside"));
 }
 
 TEST(ScenarioRefuses, AbsurdNumbersOfPosesBeforeMakingThem) {
-  EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/step_deg", 1e-5)), Refuses("/ranges/0", "poses"));
-  EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/step_deg", 1e-300)), Refuses("/ranges/0", "poses"));
+  EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/step_deg", 1e-5)),
+              Refuses("/ranges/0", "poses"));
+  EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/step_deg", 1e-300)),
+              Refuses("/ranges/0", "poses"));
   Json grid = changed(attitude(), "/ranges/0/step_deg", 0.1);
   for (const char* axis : {"yaw", "roll"}) {
     grid["ranges"].push_back(grid["ranges"][0]);
@@ -143,28 +162,35 @@ TEST(ScenarioRefuses, NumbersThatAreNone) {
 
 TEST(ScenarioRefuses, UnknownKeysWrongTypesAndMissingKeys) {
   EXPECT_THAT(refusal(changed(attitude(), "/stagemm", 120)), Refuses("/", "stagemm"));
-  EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/stepdeg", 1)), Refuses("/ranges/0", "stepdeg"));
+  EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/stepdeg", 1)),
+              Refuses("/ranges/0", "stepdeg"));
   EXPECT_THAT(refusal(changed(attitude(), "/stage_mm", "120")), Refuses("/stage_mm", "number"));
   EXPECT_THAT(refusal(changed(attitude(), "/repeats", 0)), Refuses("/repeats", "minimum"));
   EXPECT_THAT(refusal(changed(attitude(), "/repeats", 1.5)), Refuses("/repeats", "integer"));
-  EXPECT_THAT(refusal(changed(attitude(), "/name", "Has Spaces")), Refuses("/name", "small letters"));
-  EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/axis", "stage")), Refuses("/ranges/0/axis", "roll"));
+  EXPECT_THAT(refusal(changed(attitude(), "/name", "Has Spaces")),
+              Refuses("/name", "small letters"));
+  EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/axis", "stage")),
+              Refuses("/ranges/0/axis", "roll"));
   EXPECT_THAT(refusal(changed(attitude(), "/table", 2)), Refuses("/table", "[3,4,5]"));
   EXPECT_THAT(refusal(changed(attitude(), "/dwell_ms", -1)), Refuses("/dwell_ms", "minimum"));
   EXPECT_THAT(refusal(without(attitude(), "", "name")), Refuses("/", "name"));
   EXPECT_THAT(refusal(without(attitude(), "", "stage_mm")), Refuses("/", "stage_mm"));
   EXPECT_THAT(refusal(without(calibration(), "", "planes")), Refuses("/", "planes"));
-  EXPECT_THAT(refusal(changed(attitude(), "/format", "turntable-scenario/2")), Refuses("/format", "turntable-scenario/1"));
+  EXPECT_THAT(refusal(changed(attitude(), "/format", "turntable-scenario/2")),
+              Refuses("/format", "turntable-scenario/1"));
 }
 
 TEST(ScenarioRefuses, KeysOfTheOtherKind) {
-  EXPECT_THAT(refusal(changed(attitude(), "/polynomial_order", 5)), Refuses("/polynomial_order", "calibration"));
+  EXPECT_THAT(refusal(changed(attitude(), "/polynomial_order", 5)),
+              Refuses("/polynomial_order", "calibration"));
   EXPECT_THAT(refusal(changed(calibration(), "/repeats", 2)), Refuses("/repeats", "attitude"));
 }
 
 TEST(ScenarioRefuses, PlanesThatCannotCarryARay) {
-  EXPECT_THAT(refusal(changed(calibration(), "/planes/1/use", "check")), Refuses("/planes", "at least 2"));
-  EXPECT_THAT(refusal(changed(calibration(), "/planes/2/stage_mm", 130)), Refuses("/planes/2/stage_mm", "/planes/1"));
+  EXPECT_THAT(refusal(changed(calibration(), "/planes/1/use", "check")),
+              Refuses("/planes", "at least 2"));
+  EXPECT_THAT(refusal(changed(calibration(), "/planes/2/stage_mm", 130)),
+              Refuses("/planes/2/stage_mm", "/planes/1"));
 }
 
 class CampaignTest : public ::testing::Test {
@@ -175,7 +201,8 @@ class CampaignTest : public ::testing::Test {
   }
   Refusal refused(const Json& steps) const {
     spill(folder / "campaign.json",
-          Json{{"format", "turntable-campaign/1"}, {"name", "x"}, {"title", "X"}, {"steps", steps}}.dump());
+          Json{{"format", "turntable-campaign/1"}, {"name", "x"}, {"title", "X"}, {"steps", steps}}
+              .dump());
     try {
       load_campaign(folder / "campaign.json");
       return {"accepted", ""};
@@ -187,7 +214,8 @@ class CampaignTest : public ::testing::Test {
 };
 
 TEST_F(CampaignTest, TakesRepeatsFromItsSteps) {
-  EXPECT_EQ(refused({{{"scenario", "c.json"}}, {{"scenario", "s.json"}, {"repeats", 3}}}).pointer, "accepted");
+  EXPECT_EQ(refused({{{"scenario", "c.json"}}, {{"scenario", "s.json"}, {"repeats", 3}}}).pointer,
+            "accepted");
   const Campaign campaign = load_campaign(folder / "campaign.json");
   ASSERT_EQ(campaign.scenarios.size(), 2u);
   EXPECT_EQ(campaign.scenarios[1].repeats, 3);
@@ -203,9 +231,12 @@ TEST_F(CampaignTest, ASingleScenarioIsACampaignOfOneStep) {
 TEST_F(CampaignTest, RefusesMissingFilesOtherFilesAndNamesUsedTwice) {
   EXPECT_THAT(refused({{{"scenario", "c.json"}}, {{"scenario", "nowhere.json"}}}),
               Refuses("/steps/1/scenario", "no file"));
-  EXPECT_THAT(refused({{{"scenario", "campaign.json"}}}), Refuses("/steps/0/scenario", "a campaign file"));
-  EXPECT_THAT(refused({{{"scenario", "s.json"}}, {{"scenario", "s.json"}}}), Refuses("/steps/1/scenario", "repeats"));
-  EXPECT_THAT(refused({{{"scenario", "c.json"}, {"repeats", 2}}}), Refuses("/steps/0/repeats", "calibration"));
+  EXPECT_THAT(refused({{{"scenario", "campaign.json"}}}),
+              Refuses("/steps/0/scenario", "a campaign file"));
+  EXPECT_THAT(refused({{{"scenario", "s.json"}}, {{"scenario", "s.json"}}}),
+              Refuses("/steps/1/scenario", "repeats"));
+  EXPECT_THAT(refused({{{"scenario", "c.json"}, {"repeats", 2}}}),
+              Refuses("/steps/0/repeats", "calibration"));
   EXPECT_THAT(refused(Json::array()), Refuses("/steps", "minItems"));
   EXPECT_THROW(load_campaign(folder / "nowhere.json"), ConfigError);
   EXPECT_THROW(load_campaign(folder.path()), ConfigError);

@@ -44,7 +44,8 @@ TEST(ImageArchive, RefusesAFileCutOffAnywhere) {
   const TemporaryFolder folder;
   write_image(folder / "a.png", noisy());
   const std::string bytes = slurp(folder / "a.png");
-  EXPECT_THAT((spill(folder / "cut.png", ""), complaint_about(folder / "cut.png")), HasSubstr("empty"));
+  EXPECT_THAT((spill(folder / "cut.png", ""), complaint_about(folder / "cut.png")),
+              HasSubstr("empty"));
   for (std::size_t length = 1; length < bytes.size(); length += 7) {
     spill(folder / "cut.png", std::string_view(bytes).substr(0, length));
     ASSERT_THAT(complaint_about(folder / "cut.png"), HasSubstr("cut off")) << length;
@@ -73,9 +74,12 @@ TEST(ImageArchive, RefusesColour16BitAndOtherFormatsAndSaysWhatToDo) {
   cv::imwrite((folder / "deep.png").string(), cv::Mat(8, 8, CV_16UC1, cv::Scalar(999)));
   cv::imwrite((folder / "photo.bmp").string(), cv::Mat(8, 8, CV_8UC1, cv::Scalar(9)));
   spill(folder / "text.png", "not an image");
-  EXPECT_THAT(complaint_about(folder / "colour.png"), AllOf(HasSubstr("colour"), HasSubstr("Convert")));
-  EXPECT_THAT(complaint_about(folder / "deep.png"), AllOf(HasSubstr("16 bits"), HasSubstr("Convert")));
-  EXPECT_THAT(complaint_about(folder / "photo.bmp"), AllOf(HasSubstr("not a PNG"), HasSubstr("Convert")));
+  EXPECT_THAT(complaint_about(folder / "colour.png"),
+              AllOf(HasSubstr("colour"), HasSubstr("Convert")));
+  EXPECT_THAT(complaint_about(folder / "deep.png"),
+              AllOf(HasSubstr("16 bits"), HasSubstr("Convert")));
+  EXPECT_THAT(complaint_about(folder / "photo.bmp"),
+              AllOf(HasSubstr("not a PNG"), HasSubstr("Convert")));
   EXPECT_THAT(complaint_about(folder / "text.png"), HasSubstr("not a PNG"));
   EXPECT_THAT(complaint_about(folder / "missing.png"), HasSubstr("cannot be read"));
   EXPECT_THAT(complaint_about(folder.path()), HasSubstr("cannot be read"));
@@ -100,7 +104,8 @@ TEST(KeepRegions, KeepsTheBoxesTheSmallestAndTheLargestValue) {
     for (int u = 0; u < image.width; ++u) {
       const bool inside = (u >= 34 && u <= 46 && v >= 24 && v <= 36) || (u >= 86 && v >= 51);
       const bool hottest = u == 90 && v == 3;
-      ASSERT_EQ(int{ImageView(kept).row(v)[u]}, inside || hottest ? int{image.row(v)[u]} : 1) << u << ", " << v;
+      ASSERT_EQ(int{ImageView(kept).row(v)[u]}, inside || hottest ? int{image.row(v)[u]} : 1)
+          << u << ", " << v;
     }
 }
 

@@ -16,9 +16,11 @@ namespace {
 
 using ::testing::HasSubstr;
 
-std::vector<std::string> names_in(const std::filesystem::path& file, JournalReadout* readout = nullptr) {
+std::vector<std::string> names_in(const std::filesystem::path& file,
+                                  JournalReadout* readout = nullptr) {
   std::vector<std::string> names;
-  const auto result = read_journal(file, [&](const JournalEntry& e) { names.push_back(e.name + e.doc.dump()); });
+  const auto result =
+      read_journal(file, [&](const JournalEntry& e) { names.push_back(e.name + e.doc.dump()); });
   if (readout != nullptr) *readout = result;
   return names;
 }
@@ -40,8 +42,9 @@ class JournalTest : public ::testing::Test {
 
 TEST_F(JournalTest, ReadsBackWhatWasWritten) {
   JournalReadout readout;
-  EXPECT_THAT(names_in(file, &readout),
-              ::testing::ElementsAre(R"(start{"uid":"a"})", R"(event{"n":1})", R"(stop{"ok":true})"));
+  EXPECT_THAT(
+      names_in(file, &readout),
+      ::testing::ElementsAre(R"(start{"uid":"a"})", R"(event{"n":1})", R"(stop{"ok":true})"));
   EXPECT_EQ(readout.next_seq, 4u);
   EXPECT_EQ(readout.valid_bytes, text.size());
   EXPECT_FALSE(readout.torn);
@@ -68,13 +71,17 @@ TEST_F(JournalTest, IsReadableWhereverItWasCutOff) {
     spill(file, text.substr(0, length));
     JournalReadout readout;
     const auto names = names_in(file, &readout);
-    const std::size_t whole = length < second ? 0 : length < third ? 1 : length < text.size() ? 2 : 3;
+    const std::size_t whole = length < second        ? 0
+                              : length < third       ? 1
+                              : length < text.size() ? 2
+                                                     : 3;
     ASSERT_EQ(names.size(), whole) << length;
     const bool between = length == 0 || text[length - 1] == '\n';
     ASSERT_EQ(readout.torn.has_value(), !between) << length;
-    ASSERT_EQ(readout.valid_bytes, text.rfind('\n', length == 0 ? 0 : length - 1) == std::string::npos || length < second
-                                       ? 0
-                                       : text.rfind('\n', length - 1) + 1)
+    ASSERT_EQ(readout.valid_bytes,
+              text.rfind('\n', length == 0 ? 0 : length - 1) == std::string::npos || length < second
+                  ? 0
+                  : text.rfind('\n', length - 1) + 1)
         << length;
   }
 }

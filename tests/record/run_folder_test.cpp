@@ -18,12 +18,14 @@ using ::testing::HasSubstr;
 TakenPose taken_at(const Plan& plan, std::size_t index) {
   TakenPose taken;
   taken.planned = plan.poses[index];
-  for (const AxisId id : kAllAxes) taken.axis(id) = {plan.poses[index].target(id) + 0.001, false, 0, true};
+  for (const AxisId id : kAllAxes)
+    taken.axis(id) = {plan.poses[index].target(id) + 0.001, false, 0, true};
   taken.roll.missed = true;
   taken.roll.retries = 2;
   taken.rig_time_s = 12.5;
-  taken.images = {{"images/a.png", std::string(64, 'a'), 7, 12.625, {{{1.5, 2.25, 0.01, 200, 21, false}}}},
-                  {"", "", 8, 12.75, std::nullopt}};
+  taken.images = {
+      {"images/a.png", std::string(64, 'a'), 7, 12.625, {{{1.5, 2.25, 0.01, 200, 21, false}}}},
+      {"", "", 8, 12.75, std::nullopt}};
   return taken;
 }
 
@@ -77,8 +79,10 @@ TEST(RunFolder, JournalHasTheShapeOfTheEventModel) {
   Json start, descriptor, last, stop;
   read_journal(folder.journal(), [&](const JournalEntry& entry) {
     order.push_back(entry.name);
-    (entry.name == "start" ? start : entry.name == "stop" ? stop : entry.name == "event" ? last : descriptor) =
-        entry.doc;
+    (entry.name == "start"   ? start
+     : entry.name == "stop"  ? stop
+     : entry.name == "event" ? last
+                             : descriptor) = entry.doc;
   });
   EXPECT_THAT(order, ::testing::ElementsAre("start", "descriptor", "event", "event", "stop"));
   EXPECT_TRUE(start.at("time").is_number());

@@ -11,8 +11,9 @@ inline Plan small_plan() {
   plan.title = "A small plan";
   plan.rig = freeze("rig.json", "{\"any\": \"text\"}\n");
   plan.sources = {freeze("motion.json", "{}")};
-  plan.scenarios = {{"sweep", "Sweep", "sweep.json", ScenarioKind::kCalibration, std::nullopt, 4, 1, {}},
-                    {"motion", "Motion", "motion.json", ScenarioKind::kAttitude, 3, 5, 1, {AxisId::kYaw}}};
+  plan.scenarios = {
+      {"sweep", "Sweep", "sweep.json", ScenarioKind::kCalibration, std::nullopt, 4, 1, {}},
+      {"motion", "Motion", "motion.json", ScenarioKind::kAttitude, 3, 5, 1, {AxisId::kYaw}}};
   PlannedPose pose;
   pose.scenario = 1;
   pose.stage_mm = 120;

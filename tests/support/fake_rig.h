@@ -1,5 +1,5 @@
-// Axes and a camera without devices, for tests of what drives a rig: they move at a constant speed on a manual
-// clock, note what was asked of them, and fail when told to.
+// Axes and a camera without devices, for tests of what drives a rig: they move at a constant speed
+// on a manual clock, note what was asked of them, and fail when told to.
 #pragma once
 
 #include <cmath>
@@ -26,7 +26,8 @@ class FakeAxis final : public Axis<Q> {
   const std::string& name() const override { return name_; }
   AxisLimits<Q> limits() const override { return limits_; }
   void check(Q target) const override {
-    if (target < limits_.lower || target > limits_.upper) throw LimitError(name_ + " outside limits");
+    if (target < limits_.lower || target > limits_.upper)
+      throw LimitError(name_ + " outside limits");
   }
   bool homed() const override { return homed_; }
   void home() override {

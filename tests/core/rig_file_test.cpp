@@ -1,0 +1,87 @@
+#include "src/core/rig_file.h"
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+
+#include "src/core/errors.h"
+
+namespace turntable {
+namespace {
+
+const std::filesystem::path kRigs = std::filesystem::path(TURNTABLE_SOURCE_DIR) / "scenarios/rigs";
+
+std::string text_of(const char* name) { return read_text(kRigs / name); }
+
+TEST(RigFile, EveryShippedOneLoads) {
+  int count = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(kRigs)) {
+    EXPECT_NO_THROW(load_rig_file(entry.path())) << entry.path();
+    ++count;
+  }
+  EXPECT_GE(count, 3);
+}
+
+TEST(RigFile, TakesDefaultsFromTheStageTableAndOverridesThem) {
+  const RigFile rig = load_rig_file(kRigs / "simulated.json");
+  EXPECT_DOUBLE_EQ(rig.axis(AxisId::kYaw).per_step(), 0.00125);
+  EXPECT_DOUBLE_EQ(rig.axis(AxisId::kYaw).speed, 25.0);
+  EXPECT_DOUBLE_EQ(rig.axis(AxisId::kYaw).repeatability, 0.005);
+  EXPECT_DOUBLE_EQ(rig.axis(AxisId::kStage).repeatability, 0.003);
+  EXPECT_DOUBLE_EQ(rig.axis(AxisId::kRoll).upper, 45.0);
+  EXPECT_TRUE(rig.simulated());
+}
+
+struct Slip {
+  std::string from, to, pointer, says;
+};
+
+TEST(RigFile, EverySlipIsNamedWithItsPlace) {
+  const std::string text = text_of("simulated.json");
+  const std::vector<Slip> slips{
+      {"\"seed\": 20190511,", "", "/simulation", "\"seed\" is missing"},
+      {"\"seed\"", "\"sede\"", "/simulation", "unknown key \"sede\""},
+      {"\"retries\": 2", "\"retries\": \"two\"", "/camera/retries", "found \"two\""},
+      {"\"zolix-rak200\"", "\"rak-9000\"", "/axes/yaw/stage", "zolix-rak200"},
+      {"\"controller\": \"mc1\", \"channel\": \"Y\"", "\"controller\": \"mc2\", \"channel\": \"Y\"", "/axes/yaw/controller", "mc1"},
+      {"[-90, 90]", "[90, -90]", "/axes/yaw/limits_deg", "lower < upper"},
+      {"[-90, 90]", "[-900, 900]", "/axes/yaw/limits_deg", "inside the travel"},
+      {"\"channel\": \"Y\"", "\"channel\": \"Z\"", "/axes/roll/channel", "already turns"},
+      {"[-18.0, -57.2, -40]", "[-18.0, -57.2, \"-40\"]", "/target/points_mm/3/2", "found \"-40\""},
+      {", [-18.0, -57.2, -40]", "", "/target/points_mm", "minItems 4"},
+      {"[[0, 0, 0], [58.6, 13.0, -40], [-40.6, 44.2, -40], [-18.0, -57.2, -40]]",
+       "[[0, 0, 0], [58.6, 13.0, 0], [-40.6, 44.2, 0], [-18.0, -57.2, 0]]", "/target/points_mm", "one plane"},
+      {"[[0, 0, 0], [58.6", "[[1, 0, 0], [58.6", "/target/points_mm/0", "M0"},
+      {"[0, 0], [-1, 1], [2, 1], [0, 4]", "[0, 0], [-1, 1], [2, 1], [0, 3]", "/pattern/direction_circles", "ambiguous"},
+      {"[0, 0], [-1, 1], [2, 1], [0, 4]", "[0, 0], [-1, 1], [2, 1], [0, 40]", "/pattern/direction_circles/3", "off the pattern"},
+      {"\"direction_radius_mm\": 7", "\"direction_radius_mm\": 5.1", "/pattern/direction_radius_mm", "1.15"},
+      {"\"offset_mm\": [0, 0, 0]\n  },\n  \"target\"", "\"offset_mm\": [0, 0, 3]\n  },\n  \"target\"", "/pattern/offset_mm", "add up to zero"},
+      {"\"roll\": [0, 1, 0]", "\"roll\": [0, 1, 1]", "/gimbal/axes", "right angles"},
+      {"\"format\": \"turntable-rig/1\"", "\"format\": \"turntable-scenario/1\"", "/format", "not a rig file"},
+      {"\"nominal_focal_px\": 1945", "\"nominal_focal_px\": NaN", "", "not valid JSON at line"},
+      {"\"nominal_focal_px\": 1945", "\"nominal_focal_px\": 1e999", "", "number overflow"},
+  };
+  for (const Slip& slip : slips) {
+    std::string broken = text;
+    const auto at = broken.find(slip.from);
+    ASSERT_NE(at, std::string::npos) << slip.from;
+    broken.replace(at, slip.from.size(), slip.to);
+    try {
+      parse_rig_file(broken, "rig.json", kRigs);
+      ADD_FAILURE() << "accepted: " << slip.to;
+    } catch (const ConfigError& e) {
+      EXPECT_EQ(e.file(), "rig.json");
+      EXPECT_EQ(e.pointer(), slip.pointer) << e.what();
+      EXPECT_NE(std::string(e.what()).find(slip.says), std::string::npos) << e.what();
+    }
+  }
+}
+
+TEST(RigFile, ThatIsNotThereIsNamed) {
+  EXPECT_THROW(load_rig_file("/nowhere/rig.json"), ConfigError);
+  EXPECT_THROW(load_rig_file(kRigs), ConfigError);
+  EXPECT_THROW(parse_rig_file("", "empty.json", kRigs), ConfigError);
+}
+
+}  // namespace
+}  // namespace turntable
