@@ -11,10 +11,11 @@ constexpr double kPollS = 0.02;
 
 }  // namespace
 
-FolderCamera::FolderCamera(Clock& clock, std::filesystem::path folder, ImageSize size, double frame_timeout_s,
-                           Loader load)
+FolderCamera::FolderCamera(Clock& clock, std::filesystem::path folder, bool replay, ImageSize size,
+                           double frame_timeout_s, Loader load)
     : clock_(clock),
       folder_(std::move(folder)),
+      replay_(replay),
       size_(size),
       frame_timeout_s_(frame_timeout_s),
       load_(std::move(load)) {
@@ -27,13 +28,18 @@ std::string FolderCamera::identity() const { return "images from folder " + fold
 std::filesystem::path FolderCamera::next_file() const {
   std::filesystem::path first;
   for (const auto& entry : std::filesystem::directory_iterator(folder_)) {
-    if (entry.path().extension() != ".png" || returned_.contains(entry.path())) continue;
+    if (entry.path().extension() != ".png" || spent_.contains(entry.path())) continue;
     if (first.empty() || entry.path() < first) first = entry.path();
   }
   return first;
 }
 
+void FolderCamera::ignore_present_files() {
+  for (const auto& entry : std::filesystem::directory_iterator(folder_)) spent_.insert(entry.path());
+}
+
 Frame FolderCamera::trigger() {
+  if (!replay_) ignore_present_files();
   Frame frame;
   frame.timestamp = clock_.now();
   const Time deadline = clock_.now() + from_seconds(frame_timeout_s_);
@@ -53,11 +59,15 @@ Frame FolderCamera::trigger() {
                                      folder_.string(), frame_timeout_s_));
     clock_.sleep_for(from_seconds(kPollS));
   }
-  returned_.insert(last);
-  frame.image = load_(last);
+  spent_.insert(last);
+  try {
+    frame.image = load_(last);
+  } catch (const ConfigError& e) {
+    throw DeviceError(fmt::format("camera: {}", e.what()));
+  }
   if (frame.image.size() != size_)
-    throw ConfigError(last.string(), "", fmt::format("found {} x {} px, allowed: {} x {} px as the rig file says.",
-                                                     frame.image.width, frame.image.height, size_.width, size_.height));
+    throw DeviceError(fmt::format("camera: {} has {} x {} px, allowed: {} x {} px as the rig file says.", last.string(),
+                                  frame.image.width, frame.image.height, size_.width, size_.height));
   frame.id = next_id_++;
   return frame;
 }

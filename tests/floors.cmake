@@ -1,3 +1,4 @@
+cmake_minimum_required(VERSION 3.25)
 # Fails if a file includes a folder above its own floor or a sibling on the same floor (src/README.md).
 set(floor_0 src/core)
 set(floor_1 src/geometry protocols)

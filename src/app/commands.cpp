@@ -105,6 +105,9 @@ int finish(const RunFolder& folder, const std::optional<Calibration>& loaded, co
   CalibrationResult calibration;
   if (loaded) {
     calibration.calibration = *loaded;
+    // Only if the planes are the ones this camera was calibrated from do its residuals belong into the report.
+    if (has_calibration_sweep(record.plan) && loaded->source == record.plan.name)
+      calibration.points = plane_points(record, folder, rig);
   } else if (has_calibration_sweep(record.plan)) {
     ProgressLine line("calibrating");
     CalibrateOptions options;
@@ -180,6 +183,7 @@ int run_command(const RunArguments& a) {
   }
 
   // The devices are asked before anything is written or moves.
+  std::fflush(stdout);
   Rig rig = open_rig(rig_file, {a.configure, a.assume_mounted, a.wire_log});
   fmt::print("devices:\n");
   print_list(rig.identities);
@@ -193,11 +197,9 @@ int run_command(const RunArguments& a) {
     ProgressLine line("taking poses");
     AcquireOptions options;
     options.archive = archive;
-    nlohmann::json start = provenance(rig_file, fmt::format("run {}", a.scenario.string()));
-    start["devices"] = rig.identities;
-    summary = acquire(rig, rig_file, plan, folder, start, options, [&](const Progress& p) {
-      line.update(p.done, p.total, p.phase, p.eta_s);
-    });
+    const nlohmann::json start = provenance(rig_file, fmt::format("run {}", a.scenario.string()));
+    summary = acquire(rig, rig_file, plan, folder, start, options,
+                      [&](const Progress& p) { line.update(p.done, p.total, p.phase, p.eta_s); });
   } catch (const Error&) {
     fmt::print("The axes are stopped. What was taken is kept in {}; \"turntable evaluate {}\" evaluates it.\n",
                folder.root().string(), folder.root().string());
@@ -205,8 +207,16 @@ int run_command(const RunArguments& a) {
   }
   fmt::print("{} poses taken: {} on the rig's clock, {} by the wall\n", summary.poses, duration_text(summary.rig_s),
              duration_text(summary.wall_s));
-  const int code = finish(folder, camera.loaded, solvers, SpotSource::kImages, true);
-  return code == kDone && summary.failed > 0 ? kFailedPoses : code;
+  try {
+    const int code = finish(folder, camera.loaded, solvers, SpotSource::kImages, true);
+    return code == kDone && summary.failed > 0 ? kFailedPoses : code;
+  } catch (const Error& e) {
+    // The rig has done its work and nothing is lost: this is not bad input any more.
+    spdlog::error("{}", e.what());
+    spdlog::error("The poses were taken, but could not be evaluated; \"turntable evaluate {}\" tries again.",
+                  folder.root().string());
+    return kFailedPoses;
+  }
 }
 
 int calibrate_command(const CalibrateArguments& a) {

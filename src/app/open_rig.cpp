@@ -71,9 +71,7 @@ void ask_to_mount(Payload payload) {
   if (!std::getline(std::cin, line)) throw Interrupted("interrupted while the payload was being changed");
 }
 
-}  // namespace
-
-Rig open_rig(const RigFile& file, const OpenRigOptions& options) {
+Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
   const auto simulated_line = [](const ControllerConfig& c) { return c.line.kind == LineConfig::Kind::kSimulated; };
   const bool all_simulated = std::ranges::all_of(file.controllers, simulated_line);
   if (!all_simulated && std::ranges::any_of(file.controllers, simulated_line))
@@ -135,17 +133,29 @@ Rig open_rig(const RigFile& file, const OpenRigOptions& options) {
 
   std::string differences;
   for (Controller* controller : controllers) {
-    for (const std::string& difference : controller->connect()) differences += "\n  " + difference;
-    if (options.configure && !differences.empty()) {
+    const std::vector<std::string> found = controller->connect();
+    if (options.configure)
       controller->configure();
-      differences.clear();
-    }
+    else
+      for (const std::string& difference : found) differences += "\n  " + difference;
     rig.identities.push_back(controller->identity());
   }
   if (!differences.empty())
     throw DeviceError(fmt::format("the controllers are not set up as {} says; nothing may move:{}\nCorrect the rig "
                                   "file, or write its set-up into the controllers with --configure.",
                                   file.file, differences));
+
+  rig.stop_all = [controllers] {
+    std::exception_ptr first;
+    for (Controller* controller : controllers) {
+      try {
+        controller->stop_all();
+      } catch (...) {
+        if (!first) first = std::current_exception();
+      }
+    }
+    if (first) std::rethrow_exception(first);
+  };
 
   if (file.camera.model == "simulated") {
     // A world on controllers that live in another process knows only what they report.
@@ -162,7 +172,7 @@ Rig open_rig(const RigFile& file, const OpenRigOptions& options) {
     rig.owned.push_back(world);
     rig.owned.push_back(camera);
   } else {
-    auto camera = std::make_shared<FolderCamera>(*rig.clock, file.camera.folder, file.camera.image_size,
+    auto camera = std::make_shared<FolderCamera>(*rig.clock, file.camera.folder, file.camera.replay, file.camera.image_size,
                                                  file.camera.frame_timeout_s,
                                                  [](const std::filesystem::path& f) { return load_image(f); });
     rig.camera = camera.get();
@@ -173,7 +183,18 @@ Rig open_rig(const RigFile& file, const OpenRigOptions& options) {
   return rig;
 }
 
-void simulate_rig(const RigFile& file, const std::filesystem::path& links) {
+/// The drivers do not know the rig file's name.
+template <class Work>
+auto naming_the_file(const RigFile& file, Work&& work) {
+  try {
+    return work();
+  } catch (const ConfigError& e) {
+    if (e.file() != "rig") throw;
+    throw ConfigError(file.file, e.pointer(), e.message());
+  }
+}
+
+void serve_devices(const RigFile& file, const std::filesystem::path& links) {
   if (!file.simulation)
     throw ConfigError(file.file, "/simulation", "is missing: it says what is true of the simulated rig.");
   std::vector<std::unique_ptr<sim::ControllerSimulator>> simulators;
@@ -189,6 +210,16 @@ void simulate_rig(const RigFile& file, const std::filesystem::path& links) {
   }
   SystemClock clock;
   sim::serve_controllers(clock, served, std::cout);
+}
+
+}  // namespace
+
+Rig open_rig(const RigFile& file, const OpenRigOptions& options) {
+  return naming_the_file(file, [&] { return open_devices(file, options); });
+}
+
+void simulate_rig(const RigFile& file, const std::filesystem::path& links) {
+  naming_the_file(file, [&] { serve_devices(file, links); });
 }
 
 }  // namespace turntable

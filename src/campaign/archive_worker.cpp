@@ -83,10 +83,9 @@ ArchiveWorker::~ArchiveWorker() { end(); }
 
 void ArchiveWorker::push(Job job) {
   std::unique_lock lock(mutex_);
-  while (queue_.size() >= std::max<std::size_t>(options_.queued_poses, 1) && !failure_) {
+  const std::size_t room = std::max<std::size_t>(options_.queued_poses, 1);
+  while (queue_.size() >= room && !failure_ && interrupt_level() < 2)
     changed_.wait_for(lock, std::chrono::milliseconds(20));
-    throw_if_stopping_now();
-  }
   if (failure_) std::rethrow_exception(failure_);
   queue_.push_back(std::move(job));
   changed_.notify_all();

@@ -37,7 +37,9 @@ class ArchiveWorker {
   ArchiveWorker(const ArchiveWorker&) = delete;
   ArchiveWorker& operator=(const ArchiveWorker&) = delete;
 
-  /// Waits while `queued_poses` are waiting. @throws what a job threw; Interrupted at level 2.
+  /// Waits while `queued_poses` are waiting, though not at interrupt level 2: what is taken is
+  /// kept.
+  /// @throws what a job threw.
   void push(Job job);
   /// Does what is still queued and ends the thread. @throws what a job threw; jobs behind a failed
   /// one are dropped.

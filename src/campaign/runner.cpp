@@ -60,7 +60,7 @@ class Acquisition {
   }
 
   AcquireSummary run(const RunFolder& folder, const Json& provenance) {
-    check_targets();
+    check_devices();
     began_wall_ = wall_s();
     const Time began = rig_.clock->now();
     RunJournal journal(folder, start_document(provenance));
@@ -88,14 +88,24 @@ class Acquisition {
   }
 
  private:
-  /// The axes have the last word on limits, and have it before the first of them moves.
-  void check_targets() const {
+  /// The devices have the last word on limits and image size, and have it before anything moves.
+  void check_devices() const {
+    check_size(rig_.camera->image_size());
     const auto check = [this](AxisId id, double target) {
       with_axis(rig_, id, [target](auto& axis) { axis.check(quantity(axis, target)); });
     };
     for (const AxisId id : kAllAxes) check(id, 0.0);
     for (const PlannedPose& pose : plan_.poses)
       for (const AxisId id : kAllAxes) check(id, pose.target(id));
+  }
+
+  void check_size(ImageSize found) const {
+    const ImageSize allowed = rig_file_.camera.image_size;
+    if (found != allowed)
+      throw DeviceError(
+          fmt::format("camera: found an image of {} x {} px, allowed: {} x {} px as the rig file "
+                      "says. Correct the one or the other.",
+                      found.width, found.height, allowed.width, allowed.height));
   }
 
   Json start_document(const Json& provenance) const {
@@ -227,12 +237,7 @@ class Acquisition {
     for (int attempt = 0;; ++attempt) {
       try {
         Frame frame = rig_.camera->trigger();
-        if (frame.image.size() != rig_file_.camera.image_size)
-          throw DeviceError(fmt::format(
-              "camera: found an image of {} x {} px, allowed: {} x {} px as the rig file "
-              "says. Correct the one or the other.",
-              frame.image.width, frame.image.height, rig_file_.camera.image_size.width,
-              rig_file_.camera.image_size.height));
+        check_size(frame.image.size());
         summary_.trigger_s += seconds(rig_.clock->now() - began);
         return frame;
       } catch (const TimeoutError& e) {
@@ -246,18 +251,30 @@ class Acquisition {
     }
   }
 
+  /// All of them, whatever happens to one. @return what went wrong, for the journal.
+  std::string stop_axes() {
+    std::string trouble;
+    const auto tried = [&](std::string_view what, const auto& stop) {
+      try {
+        stop();
+      } catch (const std::exception& e) {
+        trouble += fmt::format("; stopping {} failed: {}", what, e.what());
+      }
+    };
+    if (rig_.stop_all) {
+      tried("the axes", rig_.stop_all);
+      return trouble;
+    }
+    for (const AxisId id : kAllAxes)
+      tried(axis_name(id), [&] { with_axis(rig_, id, [](auto& axis) { axis.stop(); }); });
+    return trouble;
+  }
+
   /// Stops the axes first, then saves what was taken, then says why. @throws the cause, always.
   [[noreturn]] void end_early(const std::exception_ptr& cause, RunJournal& journal,
                               ArchiveWorker& worker) {
     const InterruptShield shield;
-    std::string trouble;
-    for (const AxisId id : kAllAxes) {
-      try {
-        with_axis(rig_, id, [](auto& axis) { axis.stop(); });
-      } catch (const std::exception& e) {
-        trouble += fmt::format("; stopping axis {} failed: {}", axis_name(id), e.what());
-      }
-    }
+    std::string trouble = stop_axes();
     try {
       worker.finish();
     } catch (const std::exception& e) {

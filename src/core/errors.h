@@ -50,21 +50,25 @@ class Interrupted : public Error {
   using Error::Error;
 };
 
-/// Bad input: a file, an argument, an image. Nothing has moved and nothing was written.
+/// Bad input: a file, an argument, an image.
 class ConfigError : public Error {
  public:
   /// `pointer` is an RFC 6901 JSON pointer into `file`; empty for input that is not JSON.
   ConfigError(std::string file, std::string pointer, const std::string& message)
       : Error(file + (pointer.empty() ? "" : " at " + pointer) + ": " + message),
         file_(std::move(file)),
-        pointer_(std::move(pointer)) {}
+        pointer_(std::move(pointer)),
+        message_(message) {}
 
   const std::string& file() const { return file_; }
   const std::string& pointer() const { return pointer_; }
+  /// Without file and pointer.
+  const std::string& message() const { return message_; }
 
  private:
   std::string file_;
   std::string pointer_;
+  std::string message_;
 };
 
 }  // namespace turntable

@@ -22,6 +22,8 @@ struct Rig {
   Axis<Degrees>* pitch = nullptr;
   Camera* camera = nullptr;
   bool simulated = false;
+  /// Stops every axis: first all commands, then all verifications. Any thread, any state. Empty = axis by axis.
+  std::function<void()> stop_all;
   /// Puts a payload on the table: a person on a real rig, the world on a simulated one. Throws if refused.
   std::function<void(Payload)> mount;
   /// One line per device: what it says it is.

@@ -2,7 +2,8 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Dense>
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -176,6 +177,7 @@ class Reader {
     if (c.contains("folder")) camera.folder = folder_ / c.at("folder").get<std::string>();
     if (camera.model == "folder" && camera.folder.empty())
       fail("/camera/folder", "is missing: camera model \"folder\" needs the folder of the images.");
+    camera.replay = c.value("replay", false);
     camera.image_size = {c.at("image_size_px").at(0), c.at("image_size_px").at(1)};
     camera.frame_timeout_s = c.value("frame_timeout_ms", 2000.0) / 1000.0;
     camera.retries = c.value("retries", 2);
@@ -280,15 +282,16 @@ class Reader {
     target.offset_mm = vector3_or_zero(t, "offset_mm");
     if (target.points_mm.front().norm() > 0)
       fail("/target/points_mm/0", "found a point off the origin, allowed: [0, 0, 0]. M0 is the target's origin.");
-    Eigen::MatrixXd G(static_cast<Eigen::Index>(target.points_mm.size()) - 1, 3);
-    for (Eigen::Index i = 0; i < G.rows(); ++i)
-      G.row(i) = target.points_mm[static_cast<std::size_t>(i) + 1].transpose();
-    const auto singular = G.jacobiSvd().singularValues();
-    if (!(singular(2) > 1e-2 * singular(0)))
+    // Singular values of the vectors from M0, as roots of the eigenvalues of their 3 x 3 normal matrix.
+    Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
+    for (const Vector3d& p : target.points_mm) normal += p * p.transpose();
+    const Vector3d extent =
+        Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(normal, Eigen::EigenvaluesOnly).eigenvalues().cwiseMax(0.0).cwiseSqrt();
+    if (!(extent(0) > 1e-2 * extent(2)))
       fail("/target/points_mm",
            fmt::format("the points lie in one plane (smallest to largest extent {:.2g}), allowed: at least 0.01. "
                        "The attitude solvers need depth: raise one LED.",
-                       singular(2) / singular(0)));
+                       extent(2) > 0 ? extent(0) / extent(2) : 0.0));
     for (std::size_t i = 0; i < target.points_mm.size(); ++i)
       for (std::size_t j = i + 1; j < target.points_mm.size(); ++j)
         if ((target.points_mm[i] - target.points_mm[j]).norm() < 2 * target.led_radius_mm)

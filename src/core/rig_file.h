@@ -1,4 +1,4 @@
-// What a rig file says (scenarios/README.md lists every field with its unit), defaults filled in from the
+// What a rig file says (scenarios/rigs/README.md lists every field with its unit), defaults filled in from the
 // stage table. Lengths mm, angles deg, times s, as in the file.
 #pragma once
 
@@ -71,6 +71,7 @@ struct AxisConfig {
 struct CameraConfig {
   std::string model;
   std::filesystem::path folder;  ///< of camera model "folder"
+  bool replay = false;           ///< of camera model "folder": images taken earlier, by name
   ImageSize image_size;
   double frame_timeout_s = 2.0;
   int retries = 2;

@@ -50,6 +50,14 @@ PoseView view_of(const TakenPose& pose, const RunFolder& folder, const RigFile& 
   return view;
 }
 
+/// Circles of a pose of the zero-angle planes, at the height that the stage read back.
+std::vector<PlanePoint> points_of(const PoseView& view, double spacing_mm) {
+  std::vector<PlanePoint> points;
+  for (const auto& [key, centre] : view.centres_px)
+    points.push_back({centre, Vector2d(key[1], key[0]) * spacing_mm, view.pose->stage.position, key[1], key[0]});
+  return points;
+}
+
 PatternView pattern_view(const PoseView& view, double spacing_mm) {
   PatternView out;
   for (const auto& [key, centre] : view.centres_px) {
@@ -60,7 +68,21 @@ PatternView pattern_view(const PoseView& view, double spacing_mm) {
   return out;
 }
 
+bool shows_a_plane(const TakenPose& pose) {
+  return pose.planned.role == PoseRole::kPlaneFit || pose.planned.role == PoseRole::kPlaneCheck;
+}
+
 }  // namespace
+
+std::vector<PlanePoint> plane_points(const RunRecord& record, const RunFolder& folder, const RigFile& rig) {
+  std::vector<PlanePoint> points;
+  for (const TakenPose& pose : record.poses) {
+    if (!shows_a_plane(pose)) continue;
+    const auto more = points_of(view_of(pose, folder, rig), rig.pattern.spacing_mm);
+    points.insert(points.end(), more.begin(), more.end());
+  }
+  return points;
+}
 
 bool has_calibration_sweep(const Plan& plan) {
   return std::ranges::any_of(plan.scenarios,
@@ -107,9 +129,7 @@ CalibrationResult calibrate(const RunRecord& record, const RunFolder& folder, co
     }
     const double z = view.pose->stage.position;
     const bool fitted = view.pose->planned.role == PoseRole::kPlaneFit;
-    std::vector<PlanePoint> points;
-    for (const auto& [key, centre] : view.centres_px)
-      points.push_back({centre, Vector2d(key[1], key[0]) * rig.pattern.spacing_mm, z, key[1], key[0]});
+    std::vector<PlanePoint> points = points_of(view, rig.pattern.spacing_mm);
     if (fitted) {
       ray_planes.a_mm = std::min(ray_planes.a_mm, z);
       ray_planes.b_mm = std::max(ray_planes.b_mm, z);

@@ -28,6 +28,10 @@ struct CalibrateOptions {
 CalibrationResult calibrate(const RunRecord& record, const RunFolder& folder, const RigFile& rig,
                             const CalibrateOptions& options = {});
 
+/// The circles of every plane, from the images, for figures of a calibration that is already there.
+/// @throws as `calibrate`.
+std::vector<PlanePoint> plane_points(const RunRecord& record, const RunFolder& folder, const RigFile& rig);
+
 /// True if the plan has a calibration sweep.
 bool has_calibration_sweep(const Plan& plan);
 

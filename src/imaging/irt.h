@@ -72,7 +72,7 @@ class IrtModel {
   std::vector<Vector2d> hull_;
 };
 
-/// @throws ConfigError (file `name`) if the model is left-handed, folded, or looks away from the camera, with
+/// @throws ConfigError (file `name`) if the model is left-handed, folds over, or covers no part of the image, with
 /// what to do; it is then never used.
 void check_handedness(const IrtModel& model, const std::string& name);
 

@@ -82,7 +82,7 @@ WrittenTable write(const RunFolder& folder, const std::string& name, const std::
 }
 
 WrittenTable write_table1(const RunFolder& folder, const Calibration& calibration) {
-  // v counted upward, as in the published table; see the page on handedness in scenarios/README.md.
+  // v counted upward, as in the published table; see the frames in scenarios/rigs/README.md.
   const PublishedCoefficients& published = published_coefficients();
   const Eigen::MatrixX4d ours = calibration.irt.monomials(VDirection::kUp);
   Csv csv({"source", "r", "s", "C_a_mm", "D_a_mm", "C_b_mm", "D_b_mm"});

@@ -219,8 +219,14 @@ TEST_F(RunnerTest, EndsAfterABoundedNumberOfTriggersAndKeepsWhatItHas) {
 }
 
 TEST_F(RunnerTest, RefusesAnImageOfAnotherSizeThanTheRigFileSays) {
-  fake.camera.show(Image({100, 100}, 9));
+  fake.camera.on_trigger = [&] { fake.camera.show(Image({100, 100}, 9)); };
   run_expecting<DeviceError>("fail", "allowed: 320 x 240 px");
+}
+
+TEST_F(RunnerTest, RefusesACameraOfAnotherSizeBeforeAnythingMoves) {
+  fake.camera.show(Image({100, 100}, 9));
+  EXPECT_THROW(run(), DeviceError);
+  EXPECT_FALSE(fake.stage.homed());
 }
 
 TEST_F(RunnerTest, FirstInterruptEndsBetweenPoses) {
@@ -269,7 +275,8 @@ TEST_F(RunnerTest, AFailingWorkerStopsTheRun) {
 
 TEST_F(RunnerTest, AVanishedImageFolderStopsTheRun) {
   fake.camera.on_trigger = [&] {
-    if (fake.camera.triggers == 5) std::filesystem::remove_all(folder->images());
+    if (fake.camera.triggers == 5)
+      std::filesystem::rename(folder->images(), temporary / "elsewhere");
   };
   const RunRecord record = run_expecting<RecordError>("fail", "No such file");
   // Nothing stands in the journal behind the pose that could not be archived.

@@ -16,6 +16,7 @@ std::string text_of(const char* name) { return read_text(kRigs / name); }
 TEST(RigFile, EveryShippedOneLoads) {
   int count = 0;
   for (const auto& entry : std::filesystem::directory_iterator(kRigs)) {
+    if (entry.path().extension() != ".json") continue;
     EXPECT_NO_THROW(load_rig_file(entry.path())) << entry.path();
     ++count;
   }

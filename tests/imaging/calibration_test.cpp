@@ -22,10 +22,11 @@ TEST(Calibration, PublishedTable1LoadsWithVCountedUpward) {
   const Calibration c = load_calibration(table1());
   const auto [centre, spread] = c.irt.bundle_centre();
   // The page on handedness: centre about (43.5, -12.7, 700.2), rays within 0.46 mm rms.
-  EXPECT_NEAR(centre.z(), 700.2, 5.0);
-  EXPECT_NEAR(centre.x(), 43.5, 2.0);
-  EXPECT_NEAR(centre.y(), -12.7, 2.0);
-  EXPECT_LT(spread, 1.0);
+  // (over another grid of pixels, hence the tolerance in z and in the spread).
+  EXPECT_NEAR(centre.z(), 700.2, 0.5);
+  EXPECT_NEAR(centre.x(), 43.5, 0.1);
+  EXPECT_NEAR(centre.y(), -12.7, 0.1);
+  EXPECT_NEAR(spread, 0.46, 0.1);
   EXPECT_FALSE(c.pinhole.has_value());
 }
 
