@@ -20,7 +20,8 @@ FolderCamera::FolderCamera(Clock& clock, std::filesystem::path folder, bool repl
       frame_timeout_s_(frame_timeout_s),
       load_(std::move(load)) {
   if (!std::filesystem::is_directory(folder_))
-    throw ConfigError(folder_.string(), "", "is not a folder. Name the folder that the camera's images go to.");
+    throw ConfigError(folder_.string(), "",
+                      "is not a folder. Name the folder that the camera's images go to.");
 }
 
 std::string FolderCamera::identity() const { return "images from folder " + folder_.string(); }
@@ -35,7 +36,8 @@ std::filesystem::path FolderCamera::next_file() const {
 }
 
 void FolderCamera::ignore_present_files() {
-  for (const auto& entry : std::filesystem::directory_iterator(folder_)) spent_.insert(entry.path());
+  for (const auto& entry : std::filesystem::directory_iterator(folder_))
+    spent_.insert(entry.path());
 }
 
 Frame FolderCamera::trigger() {
@@ -49,14 +51,16 @@ Frame FolderCamera::trigger() {
     const std::filesystem::path file = next_file();
     if (!file.empty()) {
       const std::uintmax_t size = std::filesystem::file_size(file);
-      if (file == last && size == last_size && size > 0) break;  // two looks, the same size: written
+      if (file == last && size == last_size && size > 0)
+        break;  // two looks, the same size: written
       last = file;
       last_size = size;
     }
     if (clock_.now() >= deadline)
-      throw TimeoutError(fmt::format("camera: no new .png in {} within {:.1f} s of the trigger. Check the camera's "
-                                     "software and its folder.",
-                                     folder_.string(), frame_timeout_s_));
+      throw TimeoutError(fmt::format(
+          "camera: no new .png in {} within {:.1f} s of the trigger. Check the camera's "
+          "software and its folder.",
+          folder_.string(), frame_timeout_s_));
     clock_.sleep_for(from_seconds(kPollS));
   }
   spent_.insert(last);
@@ -66,8 +70,9 @@ Frame FolderCamera::trigger() {
     throw DeviceError(fmt::format("camera: {}", e.what()));
   }
   if (frame.image.size() != size_)
-    throw DeviceError(fmt::format("camera: {} has {} x {} px, allowed: {} x {} px as the rig file says.", last.string(),
-                                  frame.image.width, frame.image.height, size_.width, size_.height));
+    throw DeviceError(fmt::format(
+        "camera: {} has {} x {} px, allowed: {} x {} px as the rig file says.", last.string(),
+        frame.image.width, frame.image.height, size_.width, size_.height));
   frame.id = next_id_++;
   return frame;
 }

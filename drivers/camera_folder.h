@@ -1,5 +1,5 @@
-// A camera whose own software writes images into a folder: the next file that appears after the trigger answers it.
-// In replay, images taken earlier answer instead, in the order of their names.
+// A camera whose own software writes images into a folder: the next file that appears after the
+// trigger answers it. In replay, images taken earlier answer instead, in the order of their names.
 #pragma once
 
 #include <filesystem>
@@ -15,13 +15,14 @@ class FolderCamera final : public Camera {
   using Loader = std::function<Image(const std::filesystem::path&)>;
 
   /// @param load reads an image file; @throws ConfigError if `folder` is not a folder.
-  FolderCamera(Clock& clock, std::filesystem::path folder, bool replay, ImageSize size, double frame_timeout_s,
-               Loader load);
+  FolderCamera(Clock& clock, std::filesystem::path folder, bool replay, ImageSize size,
+               double frame_timeout_s, Loader load);
 
   std::string identity() const override;
   ImageSize image_size() const override { return size_; }
-  /// Waits for a .png file that was not there before (in replay: was not returned before) and has stopped growing; the
-  /// first by name. @throws TimeoutError; DeviceError for a file that is no image, or of another size.
+  /// Waits for a .png file that was not there before (in replay: was not returned before) and has
+  /// stopped growing; the first by name. @throws TimeoutError; DeviceError for a file that is no
+  /// image, or of another size.
   Frame trigger() override;
 
  private:

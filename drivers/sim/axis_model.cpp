@@ -63,7 +63,8 @@ double Trapezoid::distance_at(double t) const {
   if (t >= duration_) return distance_;
   if (t < up_s_) return t * (initial_ + 0.5 * acceleration_ * t);
   const double left = duration_ - t;
-  if (left < down_s_) return std::max(0.0, distance_ - left * (initial_ + 0.5 * acceleration_ * left));
+  if (left < down_s_)
+    return std::max(0.0, distance_ - left * (initial_ + 0.5 * acceleration_ * left));
   return 0.5 * (peak_ + initial_) * up_s_ + peak_ * (t - up_s_);
 }
 

@@ -11,7 +11,8 @@ constexpr double kExposureAndTransferS = 0.03;
 
 }  // namespace
 
-SimulatedCamera::SimulatedCamera(Clock& clock, const World& world, double frame_timeout_s, CameraFaults faults)
+SimulatedCamera::SimulatedCamera(Clock& clock, const World& world, double frame_timeout_s,
+                                 CameraFaults faults)
     : clock_(clock),
       renderer_(world),
       size_(world.image_size()),
@@ -30,9 +31,10 @@ Frame SimulatedCamera::trigger() {
   frame.timestamp = clock_.now();
   if (faults_.lost_frames.contains(frame.id)) {
     clock_.sleep_for(from_seconds(frame_timeout_s_));
-    throw TimeoutError(fmt::format("camera: no frame within {:.1f} s of the trigger (frame {}). Check the cable, "
-                                   "the trigger mode and the exposure time.",
-                                   frame_timeout_s_, frame.id));
+    throw TimeoutError(
+        fmt::format("camera: no frame within {:.1f} s of the trigger (frame {}). Check the cable, "
+                    "the trigger mode and the exposure time.",
+                    frame_timeout_s_, frame.id));
   }
   frame.image = renderer_.render(frame.id);
   clock_.sleep_for(from_seconds(kExposureAndTransferS));

@@ -15,7 +15,8 @@ struct CameraFaults {
 
 class SimulatedCamera final : public Camera {
  public:
-  SimulatedCamera(Clock& clock, const World& world, double frame_timeout_s, CameraFaults faults = {});
+  SimulatedCamera(Clock& clock, const World& world, double frame_timeout_s,
+                  CameraFaults faults = {});
 
   std::string identity() const override;
   ImageSize image_size() const override;

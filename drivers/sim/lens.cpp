@@ -1,6 +1,5 @@
 #include "drivers/sim/lens.h"
 
-
 #include <Eigen/LU>
 #include <cmath>
 
@@ -8,7 +7,8 @@ namespace turntable::sim {
 
 Lens::Lens(const LensTruth& truth)
     : truth_(truth),
-      tilt_(std::tan(truth.sensor_tilt_deg.x() / kDegPerRad), std::tan(truth.sensor_tilt_deg.y() / kDegPerRad)) {}
+      tilt_(std::tan(truth.sensor_tilt_deg.x() / kDegPerRad),
+            std::tan(truth.sensor_tilt_deg.y() / kDegPerRad)) {}
 
 Vector2d Lens::distort(const Vector2d& t) const {
   const auto [k1, k2, k3] = truth_.radial;
@@ -21,7 +21,8 @@ Vector2d Lens::distort(const Vector2d& t) const {
 }
 
 Vector2d Lens::project(const Vector3d& p) const {
-  // The pupil moves by millimetres where the object is hundreds away: a few passes reach the last digit.
+  // The pupil moves by millimetres where the object is hundreds away: a few passes reach the last
+  // digit.
   double pupil = 0.0;
   for (int pass = 0; pass < 30; ++pass) {
     const double theta = std::atan2(p.head<2>().norm(), p.z() - pupil);

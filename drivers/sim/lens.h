@@ -1,8 +1,11 @@
-// A lens as glass makes them, for rendering: no camera model under test contains it exactly (no inverse crime).
-//   (X, Y, Z) camera frame -> tangents through a pupil at z = w theta^2 -> radial + decentring -> tilted sensor -> px
-//     x = X / (Z - w theta^2),  y likewise,  theta = atan |(x, y)|                          (walking entrance pupil)
-//     x_d = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), y_d likewise    (Conrady 1919)
-//     x_s = x_d / (1 + x_d tan a + y_d tan b),  u = c_u + f x_s,  v likewise                (sensor tilt a, b)
+// A lens as glass makes them, for rendering: no camera model under test contains it exactly (no
+// inverse crime).
+//   (X, Y, Z) camera frame -> tangents through a pupil at z = w theta^2 -> radial + decentring ->
+//   tilted sensor -> px
+//     x = X / (Z - w theta^2),  y likewise,  theta = atan |(x, y)| (walking entrance pupil) x_d = x
+//     (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), y_d likewise    (Conrady 1919)
+//     x_s = x_d / (1 + x_d tan a + y_d tan b),  u = c_u + f x_s,  v likewise                (sensor
+//     tilt a, b)
 #pragma once
 
 #include <Eigen/Core>
@@ -22,7 +25,8 @@ class Lens {
  public:
   explicit Lens(const LensTruth& truth);
 
-  /// Pixel of a point in the camera frame (x right, y down, z forward; mm). The point must lie in front (Z > 0).
+  /// Pixel of a point in the camera frame (x right, y down, z forward; mm). The point must lie in
+  /// front (Z > 0).
   Vector2d project(const Vector3d& point_camera_mm) const;
   /// Ray of a pixel, by Newton iteration to 1e-12 in the tangents.
   CameraRay ray(const Vector2d& pixel) const;

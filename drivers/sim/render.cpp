@@ -26,7 +26,9 @@ Box box_around(const std::vector<Vector2d>& points, double margin, ImageSize siz
     low = low.cwiseMin(p);
     high = high.cwiseMax(p);
   }
-  const auto clip = [](double x, int end) { return static_cast<int>(std::clamp(x, -1.0, end + 0.0)); };
+  const auto clip = [](double x, int end) {
+    return static_cast<int>(std::clamp(x, -1.0, end + 0.0));
+  };
   return {std::max(0, clip(std::floor(low.x() - margin), size.width)),
           std::max(0, clip(std::floor(low.y() - margin), size.height)),
           std::min(size.width - 1, clip(std::ceil(high.x() + margin), size.width)),
@@ -47,7 +49,7 @@ Renderer::Renderer(const World& world) : world_(world), size_(world.image_size()
 Image Renderer::render(std::uint64_t frame) {
   const bool leds = world_.payload() == Payload::kLedTarget;
   const ImageTruth& truth = world_.image_truth();
-  const double ground = leds                       ? truth.background_grey
+  const double ground = leds                      ? truth.background_grey
                         : world_.pattern().bright ? truth.circle_dark_grey
                                                   : truth.circle_bright_grey;
   signal_.assign(static_cast<std::size_t>(size_.width) * static_cast<std::size_t>(size_.height),
@@ -59,8 +61,9 @@ Image Renderer::render(std::uint64_t frame) {
   return expose(frame);
 }
 
-// A disc is cut into cells small against the point spread; each cell spreads its own projected area from its
-// own projected centroid, so that perspective and distortion within the disc are exact, not its ellipse's.
+// A disc is cut into cells small against the point spread; each cell spreads its own projected area
+// from its own projected centroid, so that perspective and distortion within the disc are exact,
+// not its ellipse's.
 void Renderer::draw_leds() {
   constexpr int kRings = 4, kSpokes = 16;
   const ImageTruth& truth = world_.image_truth();
@@ -110,7 +113,8 @@ void Renderer::draw_leds() {
         weights(box.top, box.bottom, centre.y(), down);
         const double light = gain * std::abs(area) * kPolygonArea;
         for (std::size_t j = 0; j < down.size(); ++j) {
-          float* row = &signal_[(static_cast<std::size_t>(box.top) + j) * static_cast<std::size_t>(size_.width) +
+          float* row = &signal_[(static_cast<std::size_t>(box.top) + j) *
+                                    static_cast<std::size_t>(size_.width) +
                                 static_cast<std::size_t>(box.left)];
           const double rowlight = light * down[j];
           for (std::size_t i = 0; i < across.size(); ++i)
@@ -129,21 +133,23 @@ void Renderer::draw_pattern() {
   pose_ = world_.payload_pose();
   for (const Disc& disc : world_.discs()) {
     if (disc.centre.z() <= 0) continue;
-    const Vector3d on_payload = pose_.R_camera_from_payload.transpose() * (disc.centre - pose_.origin_in_camera);
+    const Vector3d on_payload =
+        pose_.R_camera_from_payload.transpose() * (disc.centre - pose_.origin_in_camera);
     draw_circle(disc, disc.across.norm(), on_payload.head<2>());
   }
 }
 
-// Signed distance of each pixel from the circle's edge, measured on the pattern itself and turned into pixels
-// by the local scale; the point spread makes a Gaussian step of it.
+// Signed distance of each pixel from the circle's edge, measured on the pattern itself and turned
+// into pixels by the local scale; the point spread makes a Gaussian step of it.
 void Renderer::draw_circle(const Disc& disc, double radius_mm, const Vector2d& centre) {
   const ImageTruth& truth = world_.image_truth();
-  const double sigma = std::sqrt(truth.blur_px * truth.blur_px + 1.0 / 12.0);  // the pixel's own box
+  const double sigma =
+      std::sqrt(truth.blur_px * truth.blur_px + 1.0 / 12.0);  // the pixel's own box
   std::vector<Vector2d> outline;
   for (int i = 0; i < 16; ++i) {
     const double angle = 2.0 * std::numbers::pi * i / 16;
-    outline.push_back(
-        world_.lens().project(disc.centre + std::cos(angle) * disc.across + std::sin(angle) * disc.down));
+    outline.push_back(world_.lens().project(disc.centre + std::cos(angle) * disc.across +
+                                            std::sin(angle) * disc.down));
   }
   const Box box = box_around(outline, 1.0 + 5.0 * sigma, size_);
   if (box.left > box.right || box.top > box.bottom) return;
@@ -153,7 +159,8 @@ void Renderer::draw_circle(const Disc& disc, double radius_mm, const Vector2d& c
   const auto on_payload = [&](const CameraRay& ray) -> Vector2d {
     const Vector3d direction(ray.tangent.x(), ray.tangent.y(), 1.0);
     const Vector3d origin(0, 0, ray.pupil_mm);
-    const Vector3d hit = origin + direction * ((height - normal.dot(origin)) / normal.dot(direction));
+    const Vector3d hit =
+        origin + direction * ((height - normal.dot(origin)) / normal.dot(direction));
     return (pose_.R_camera_from_payload.transpose() * (hit - pose_.origin_in_camera)).head<2>();
   };
   const Vector2d middle = world_.lens().project(disc.centre);
@@ -172,10 +179,13 @@ void Renderer::draw_circle(const Disc& disc, double radius_mm, const Vector2d& c
                              static_cast<std::size_t>(u);
       const Vector2d from_centre = on_payload(rays_[at]) - centre;
       const double distance = from_centre.norm();
-      const double scale = distance > 0 ? (mm_per_px.transpose() * from_centre).norm() / distance : 1.0;
+      const double scale =
+          distance > 0 ? (mm_per_px.transpose() * from_centre).norm() / distance : 1.0;
       const double inside_px = (radius_mm - distance) / scale;
       if (inside_px < -5.0 * sigma) continue;
-      signal_[at] += step * (inside_px > 5.0 * sigma ? 1.0f : static_cast<float>(gaussian_cdf(inside_px / sigma)));
+      signal_[at] +=
+          step *
+          (inside_px > 5.0 * sigma ? 1.0f : static_cast<float>(gaussian_cdf(inside_px / sigma)));
     }
 }
 
@@ -205,8 +215,10 @@ Image Renderer::expose(std::uint64_t frame) const {
     if (i % 4 == 0) bits = random();
     const auto draw = static_cast<std::uint16_t>(bits >> (16 * (i % 4)));
     const float s = signal_[i];
-    image.pixels[i] = s == ground ? ground_table[draw]
-                                  : to_grey(s + std::sqrt(read_variance + shot_variance * s) * normal_table_[draw]);
+    image.pixels[i] =
+        s == ground
+            ? ground_table[draw]
+            : to_grey(s + std::sqrt(read_variance + shot_variance * s) * normal_table_[draw]);
   }
   return image;
 }

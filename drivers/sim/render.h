@@ -1,5 +1,5 @@
-// From the world to grey values: discs of even radiance, seen through the lens, blurred by a Gaussian point
-// spread, integrated over square pixels, with shot and read noise, rounded to 8 bit.
+// From the world to grey values: discs of even radiance, seen through the lens, blurred by a
+// Gaussian point spread, integrated over square pixels, with shot and read noise, rounded to 8 bit.
 #pragma once
 
 #include <cstdint>
@@ -14,7 +14,8 @@ class Renderer {
  public:
   explicit Renderer(const World& world);
 
-  /// What the camera sees now; `frame` addresses the noise, so that the same frame is always the same image.
+  /// What the camera sees now; `frame` addresses the noise, so that the same frame is always the
+  /// same image.
   Image render(std::uint64_t frame);
 
  private:
@@ -25,9 +26,9 @@ class Renderer {
 
   const World& world_;
   ImageSize size_;
-  std::vector<float> signal_;         ///< grey before noise
-  std::vector<CameraRay> rays_;       ///< of every pixel; made when the first pattern is drawn
-  std::vector<float> normal_table_;   ///< quantiles of the standard normal distribution
+  std::vector<float> signal_;        ///< grey before noise
+  std::vector<CameraRay> rays_;      ///< of every pixel; made when the first pattern is drawn
+  std::vector<float> normal_table_;  ///< quantiles of the standard normal distribution
   World::Pose pose_;
 };
 

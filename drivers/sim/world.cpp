@@ -18,8 +18,8 @@ World::World(const RigFile& rig, std::function<double(AxisId)> true_position)
       true_position_(std::move(true_position)) {
   // Looking straight down: image right is +x, image down is -y, forward is -z of the plane frame.
   Matrix3d R_camera_from_plane_nominal = Vector3d(1, -1, -1).asDiagonal();
-  R_camera_from_plane_ =
-      R_camera_from_plane_nominal * rotation_from_vector(radians(truth_.camera_rotation_deg)).transpose();
+  R_camera_from_plane_ = R_camera_from_plane_nominal *
+                         rotation_from_vector(radians(truth_.camera_rotation_deg)).transpose();
 }
 
 World::Pose World::payload_pose() const {
@@ -28,15 +28,16 @@ World::Pose World::payload_pose() const {
   const double travel = true_position_(AxisId::kStage);
   const Vector2d lean(std::tan(rad_from_deg(truth_.stage_squareness_deg.x())),
                       std::tan(rad_from_deg(truth_.stage_squareness_deg.y())));
-  const Vector3d centre = rig_.gimbal.centre_at_stage_zero_mm +
-                          travel * Vector3d(lean.x(), lean.y(), 1.0);
+  const Vector3d centre =
+      rig_.gimbal.centre_at_stage_zero_mm + travel * Vector3d(lean.x(), lean.y(), 1.0);
 
   const Matrix3d X = rotation_from_vector(radians(truth_.plane_from_gimbal_deg));
   const Matrix3d R_gimbal = gimbal_.rotation(angles);
   Matrix3d R_plane_from_payload;
   Vector3d origin;
   if (payload_ == Payload::kLedTarget) {
-    R_plane_from_payload = X * R_gimbal * rotation_from_vector(radians(truth_.table_from_target_deg));
+    R_plane_from_payload =
+        X * R_gimbal * rotation_from_vector(radians(truth_.table_from_target_deg));
     origin = centre + X * R_gimbal * (rig_.target.offset_mm + truth_.target_offset_error_mm);
   } else {
     // The pattern defines the plane frame: at zero angles it lies in it without rotation.
@@ -52,7 +53,8 @@ std::vector<Disc> World::discs() const {
   std::vector<Disc> discs;
   const auto add = [&](const Vector3d& at, double radius) {
     discs.push_back({pose.R_camera_from_payload * at + pose.origin_in_camera,
-                     radius * pose.R_camera_from_payload.col(0), radius * pose.R_camera_from_payload.col(1)});
+                     radius * pose.R_camera_from_payload.col(0),
+                     radius * pose.R_camera_from_payload.col(1)});
   };
   if (payload_ == Payload::kLedTarget) {
     for (std::size_t i = 0; i < rig_.target.points_mm.size(); ++i)
@@ -64,7 +66,8 @@ std::vector<Disc> World::discs() const {
     for (int column = 0; column < p.columns; ++column) {
       const std::array at{column - p.origin_column, row - p.origin_row};
       const bool big = std::ranges::find(p.direction_circles, at) != p.direction_circles.end();
-      add({at[0] * p.spacing_mm, at[1] * p.spacing_mm, 0.0}, big ? p.direction_radius_mm : p.radius_mm);
+      add({at[0] * p.spacing_mm, at[1] * p.spacing_mm, 0.0},
+          big ? p.direction_radius_mm : p.radius_mm);
     }
   return discs;
 }

@@ -1,5 +1,6 @@
-// The truth of the simulated rig: where the table, the LEDs, the circles and the camera really are, after
-// backlash and repeatability error. Nobody above the bytes may ask it; the simulated camera looks at it.
+// The truth of the simulated rig: where the table, the LEDs, the circles and the camera really are,
+// after backlash and repeatability error. Nobody above the bytes may ask it; the simulated camera
+// looks at it.
 #pragma once
 
 #include <functional>

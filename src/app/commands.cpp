@@ -1,7 +1,6 @@
 #include "src/app/commands.h"
 
 #include <fmt/format.h>
-#include <opencv2/core/version.hpp>
 #include <spdlog/spdlog.h>
 #include <unistd.h>
 
@@ -9,6 +8,7 @@
 #include <algorithm>
 #include <boost/version.hpp>
 #include <nlohmann/json.hpp>
+#include <opencv2/core/version.hpp>
 #include <optional>
 
 #include "src/app/open_rig.h"
@@ -47,7 +47,8 @@ struct CameraSource {
   std::optional<Calibration> loaded;  ///< otherwise the campaign's own sweep
 };
 
-/// Makes sure that a campaign can be evaluated: by its own sweep, by --calibration, or by what the rig file names.
+/// Makes sure that a campaign can be evaluated: by its own sweep, by --calibration, or by what the
+/// rig file names.
 CameraSource provide_calibration(Campaign& campaign, const RigFile& rig, const fs::path& file) {
   CameraSource source;
   const auto is_sweep = [](const Scenario& s) { return s.kind == ScenarioKind::kCalibration; };
@@ -56,21 +57,25 @@ CameraSource provide_calibration(Campaign& campaign, const RigFile& rig, const f
     source.loaded = load_calibration(chosen);
     const ImageSize size = source.loaded->irt.image_size();
     if (size != rig.camera.image_size)
-      throw ConfigError(chosen.string(), "/image_size_px",
-                        fmt::format("found {} x {} px, allowed: {} x {} px as {} says. Calibrate at the camera's size.",
-                                    size.width, size.height, rig.camera.image_size.width, rig.camera.image_size.height,
-                                    rig.file));
+      throw ConfigError(
+          chosen.string(), "/image_size_px",
+          fmt::format(
+              "found {} x {} px, allowed: {} x {} px as {} says. Calibrate at the camera's size.",
+              size.width, size.height, rig.camera.image_size.width, rig.camera.image_size.height,
+              rig.file));
     return source;
   }
   if (std::ranges::any_of(campaign.scenarios, is_sweep)) return source;
   if (rig.calibration.sweep.empty())
-    throw ConfigError(campaign.file, "",
-                      fmt::format("has no calibration sweep, and {} names none. Give --calibration FILE, or add "
-                                  "\"calibration\" to the rig file.",
-                                  rig.file));
+    throw ConfigError(
+        campaign.file, "",
+        fmt::format("has no calibration sweep, and {} names none. Give --calibration FILE, or add "
+                    "\"calibration\" to the rig file.",
+                    rig.file));
   Scenario sweep = load_scenario(rig.calibration.sweep);
   if (!is_sweep(sweep))
-    throw ConfigError(rig.file, "/calibration/sweep", fmt::format("{} is not a calibration scenario.", sweep.file));
+    throw ConfigError(rig.file, "/calibration/sweep",
+                      fmt::format("{} is not a calibration scenario.", sweep.file));
   fmt::print("The camera is calibrated first, by {}.\n", sweep.file);
   campaign.scenarios.insert(campaign.scenarios.begin(), std::move(sweep));
   return source;
@@ -89,15 +94,16 @@ nlohmann::json provenance(const RigFile& rig, const std::string& command) {
                    {"simulated", rig.simulated()},
                    {"libraries",
                     {{"opencv", CV_VERSION},
-                     {"eigen", fmt::format("{}.{}.{}", EIGEN_WORLD_VERSION, EIGEN_MAJOR_VERSION, EIGEN_MINOR_VERSION)},
+                     {"eigen", fmt::format("{}.{}.{}", EIGEN_WORLD_VERSION, EIGEN_MAJOR_VERSION,
+                                           EIGEN_MINOR_VERSION)},
                      {"boost", BOOST_LIB_VERSION}}}};
   if (rig.simulated()) p["seed"] = rig.simulation->seed;
   return p;
 }
 
 /// Evaluates a run and writes everything after the images. @return exit code.
-int finish(const RunFolder& folder, const std::optional<Calibration>& loaded, const std::vector<const Solver*>& solvers,
-           SpotSource spots, bool rewrite) {
+int finish(const RunFolder& folder, const std::optional<Calibration>& loaded,
+           const std::vector<const Solver*>& solvers, SpotSource spots, bool rewrite) {
   const RunRecord record = read_run(folder);
   const RigFile rig = parse_rig_file(record.plan.rig.text, record.plan.rig.file, folder.root());
   if (record.torn) spdlog::warn("{}: {}", folder.journal().string(), *record.torn);
@@ -105,13 +111,16 @@ int finish(const RunFolder& folder, const std::optional<Calibration>& loaded, co
   CalibrationResult calibration;
   if (loaded) {
     calibration.calibration = *loaded;
-    // Only if the planes are the ones this camera was calibrated from do its residuals belong into the report.
+    // Only if the planes are the ones this camera was calibrated from do its residuals belong into
+    // the report.
     if (has_calibration_sweep(record.plan) && loaded->source == record.plan.name)
       calibration.points = plane_points(record, folder, rig);
   } else if (has_calibration_sweep(record.plan)) {
     ProgressLine line("calibrating");
     CalibrateOptions options;
-    options.progress = [&](std::size_t done, std::size_t total) { line.update(done, total, "images"); };
+    options.progress = [&](std::size_t done, std::size_t total) {
+      line.update(done, total, "images");
+    };
     calibration = calibrate(record, folder, rig, options);
   } else {
     calibration.calibration = load_calibration(folder.calibration());
@@ -124,21 +133,24 @@ int finish(const RunFolder& folder, const std::optional<Calibration>& loaded, co
     EvaluateOptions options;
     options.solvers = solvers;
     options.spots = spots;
-    options.progress = [&](std::size_t done, std::size_t total) { line.update(done, total, "poses"); };
+    options.progress = [&](std::size_t done, std::size_t total) {
+      line.update(done, total, "poses");
+    };
     evaluation = evaluate(record, folder, rig, calibration.calibration, options);
   }
   if (rewrite) write_poses_csv(evaluation, record.plan, folder.poses());
   const fs::path report = write_report(folder, record, rig, calibration, evaluation);
 
   for (const PlaneResidual& p : calibration.calibration.planes)
-    fmt::print("camera: plane {:8.3f} mm ({}): residual {:.4f} mm rms, {:.4f} mm max, {} circles\n", p.z_mm,
-               p.fitted ? "fitted" : "kept out", p.rms_mm, p.max_mm, p.points);
+    fmt::print("camera: plane {:8.3f} mm ({}): residual {:.4f} mm rms, {:.4f} mm max, {} circles\n",
+               p.z_mm, p.fitted ? "fitted" : "kept out", p.rms_mm, p.max_mm, p.points);
   for (const RepeatStatistics& r : repeat_statistics(evaluation))
     fmt::print("{:<14} repeat {}  {:<18} total RMSE {:.4f} deg  {} poses, {} failed\n",
-               record.plan.scenarios[r.scenario].name, r.repeat, r.solver->name, r.statistics.rmse_total_deg,
-               r.statistics.poses, r.statistics.failed);
+               record.plan.scenarios[r.scenario].name, r.repeat, r.solver->name,
+               r.statistics.rmse_total_deg, r.statistics.poses, r.statistics.failed);
   const std::size_t failed = failed_results(evaluation);
-  if (failed > 0) spdlog::warn("{} results failed; poses.csv and report.md say which and why.", failed);
+  if (failed > 0)
+    spdlog::warn("{} results failed; poses.csv and report.md say which and why.", failed);
   if (rig.simulated()) fmt::print("These results are simulated (seed {}).\n", rig.simulation->seed);
   fmt::print("report: {}\n", report.string());
   return failed > 0 ? kFailedPoses : kDone;
@@ -172,8 +184,10 @@ int run_command(const RunArguments& a) {
   const ArchiveMode archive = archive_mode_from_name(a.images);
   const Plan plan = plan_campaign(campaign, rig_file);
   if (archive == ArchiveMode::kNone && !camera.loaded && has_calibration_sweep(plan))
-    throw ConfigError("--images", "", "found \"none\", allowed with a calibration sweep: regions, full. The pattern's "
-                                      "images are what the camera is calibrated from.");
+    throw ConfigError(
+        "--images", "",
+        "found \"none\", allowed with a calibration sweep: regions, full. The pattern's "
+        "images are what the camera is calibrated from.");
   const fs::path root = a.out.empty() ? RunFolder::default_root(plan.name) : a.out;
   const PlanReport report = check_plan(plan, rig_file, {archive, root});
   fmt::print("{}", plan_summary(plan, report));
@@ -201,20 +215,23 @@ int run_command(const RunArguments& a) {
     summary = acquire(rig, rig_file, plan, folder, start, options,
                       [&](const Progress& p) { line.update(p.done, p.total, p.phase, p.eta_s); });
   } catch (const Error&) {
-    fmt::print("The axes are stopped. What was taken is kept in {}; \"turntable evaluate {}\" evaluates it.\n",
-               folder.root().string(), folder.root().string());
+    fmt::print(
+        "The axes are stopped. What was taken is kept in {}; \"turntable evaluate {}\" evaluates "
+        "it.\n",
+        folder.root().string(), folder.root().string());
     throw;
   }
-  fmt::print("{} poses taken: {} on the rig's clock, {} by the wall\n", summary.poses, duration_text(summary.rig_s),
-             duration_text(summary.wall_s));
+  fmt::print("{} poses taken: {} on the rig's clock, {} by the wall\n", summary.poses,
+             duration_text(summary.rig_s), duration_text(summary.wall_s));
   try {
     const int code = finish(folder, camera.loaded, solvers, SpotSource::kImages, true);
     return code == kDone && summary.failed > 0 ? kFailedPoses : code;
   } catch (const Error& e) {
     // The rig has done its work and nothing is lost: this is not bad input any more.
     spdlog::error("{}", e.what());
-    spdlog::error("The poses were taken, but could not be evaluated; \"turntable evaluate {}\" tries again.",
-                  folder.root().string());
+    spdlog::error(
+        "The poses were taken, but could not be evaluated; \"turntable evaluate {}\" tries again.",
+        folder.root().string());
     return kFailedPoses;
   }
 }
@@ -229,13 +246,16 @@ int calibrate_command(const CalibrateArguments& a) {
     ProgressLine line("calibrating");
     CalibrateOptions options;
     options.order = a.order;
-    options.progress = [&](std::size_t done, std::size_t total) { line.update(done, total, "images"); };
+    options.progress = [&](std::size_t done, std::size_t total) {
+      line.update(done, total, "images");
+    };
     result = calibrate(record, folder, rig, options);
     if (out.empty()) out = folder.calibration();
   } else if (format_of(a.source) == "calibration") {
     result.calibration = load_calibration(a.source);
   } else {
-    if (a.rig.empty()) throw ConfigError("--rig", "", "is missing: a calibration scenario needs a rig to run on.");
+    if (a.rig.empty())
+      throw ConfigError("--rig", "", "is missing: a calibration scenario needs a rig to run on.");
     RunArguments run;
     run.scenario = a.source;
     run.rig = a.rig;
@@ -245,16 +265,18 @@ int calibrate_command(const CalibrateArguments& a) {
   const Calibration& c = result.calibration;
   const auto [centre, spread] = c.irt.bundle_centre();
   const auto [low, high] = c.irt.jacobian_range();
-  fmt::print("{}\n{} x {} px, order {}, planes at {:.3f} and {:.3f} mm\n", c.source, c.irt.image_size().width,
-             c.irt.image_size().height, c.irt.order(), c.irt.planes().a_mm, c.irt.planes().b_mm);
+  fmt::print("{}\n{} x {} px, order {}, planes at {:.3f} and {:.3f} mm\n", c.source,
+             c.irt.image_size().width, c.irt.image_size().height, c.irt.order(),
+             c.irt.planes().a_mm, c.irt.planes().b_mm);
   for (const PlaneResidual& p : c.planes)
     fmt::print("plane {:8.3f} mm ({}): residual {:.4f} mm rms, {:.4f} mm max, {} circles\n", p.z_mm,
                p.fitted ? "fitted" : "kept out", p.rms_mm, p.max_mm, p.points);
   fmt::print("right-handed: det d(x,y)/d(u,v) = {:.4f}..{:.4f} mm^2/px^2\n", low, high);
-  fmt::print("rays pass nearest to ({:.2f}, {:.2f}, {:.2f}) mm, {:.3f} mm rms apart\n", centre.x(), centre.y(),
-             centre.z(), spread);
+  fmt::print("rays pass nearest to ({:.2f}, {:.2f}, {:.2f}) mm, {:.3f} mm rms apart\n", centre.x(),
+             centre.y(), centre.z(), spread);
   if (c.pinhole) fmt::print("pinhole without distortion: {:.3f} px rms\n", c.pinhole->rms_px);
-  if (c.pinhole_distorted) fmt::print("pinhole with distortion: {:.4f} px rms\n", c.pinhole_distorted->rms_px);
+  if (c.pinhole_distorted)
+    fmt::print("pinhole with distortion: {:.4f} px rms\n", c.pinhole_distorted->rms_px);
   if (!out.empty()) {
     write_atomically(out, calibration_to_json(c));
     fmt::print("calibration: {}\n", out.string());

@@ -1,4 +1,5 @@
-// The verbs of the command line. Each returns an exit code and throws for everything that main turns into one.
+// The verbs of the command line. Each returns an exit code and throws for everything that main
+// turns into one.
 #pragma once
 
 #include <filesystem>
@@ -10,7 +11,13 @@
 namespace turntable {
 
 /// Exit codes, documented in README.md and --help.
-enum ExitCode { kDone = 0, kBadInput = 2, kDeviceTrouble = 3, kFailedPoses = 4, kInterrupted = 130 };
+enum ExitCode {
+  kDone = 0,
+  kBadInput = 2,
+  kDeviceTrouble = 3,
+  kFailedPoses = 4,
+  kInterrupted = 130
+};
 
 struct PlanArguments {
   std::filesystem::path scenario, rig, csv, out;

@@ -18,7 +18,8 @@ namespace {
 using namespace turntable;
 
 constexpr const char* kExitCodes =
-    "Exit codes: 0 done; 2 bad input, nothing moved; 3 device trouble, axes stopped; 4 finished, but some poses "
+    "Exit codes: 0 done; 2 bad input, nothing moved; 3 device trouble, axes stopped; 4 finished, "
+    "but some poses "
     "failed;\n130 interrupted, axes stopped.\n";
 
 int guarded(const std::function<int()>& verb) {
@@ -52,8 +53,10 @@ int guarded(const std::function<int()>& verb) {
     spdlog::error("{}", e.what());
     return kBadInput;
   } catch (const std::exception& e) {
-    spdlog::error("unexpected: {}. This is a defect of the program; the journal of the run, if any, is intact.",
-                  e.what());
+    spdlog::error(
+        "unexpected: {}. This is a defect of the program; the journal of the run, if any, is "
+        "intact.",
+        e.what());
     return kDeviceTrouble;
   }
 }
@@ -65,15 +68,21 @@ int main(int argc, char** argv) {
   spdlog::set_default_logger(spdlog::stderr_color_mt("turntable"));
   spdlog::set_pattern("turntable: %^%l%$: %v");
 
-  CLI::App app{"Drives a turntable test rig, calibrates its camera as rays, and judges attitude solvers against it."};
+  CLI::App app{
+      "Drives a turntable test rig, calibrates its camera as rays, and judges attitude solvers "
+      "against it."};
   app.name("turntable");
-  app.set_version_flag("--version", fmt::format("turntable {} ({}{})", kVersion, kCommit, kDirty ? ", modified" : ""));
+  app.set_version_flag("--version", fmt::format("turntable {} ({}{})", kVersion, kCommit,
+                                                kDirty ? ", modified" : ""));
   app.require_subcommand(1);
-  app.footer(std::string("Examples:\n"
-                         "  turntable run scenarios/campaigns/quick.json --rig scenarios/rigs/simulated.json\n"
-                         "  turntable plan scenarios/triaxial_xyz.json --rig scenarios/rigs/simulated.json --csv poses.csv\n"
-                         "  turntable evaluate results/runs/20260131T120000Z-quick --solver aopit_ray\n\n") +
-             kExitCodes);
+  app.footer(
+      std::string(
+          "Examples:\n"
+          "  turntable run scenarios/campaigns/quick.json --rig scenarios/rigs/simulated.json\n"
+          "  turntable plan scenarios/triaxial_xyz.json --rig scenarios/rigs/simulated.json --csv "
+          "poses.csv\n"
+          "  turntable evaluate results/runs/20260131T120000Z-quick --solver aopit_ray\n\n") +
+      kExitCodes);
 
   int code = kDone;
   const auto solver_names = [] {
@@ -81,72 +90,99 @@ int main(int argc, char** argv) {
     for (const Solver& s : kSolvers) names += (names.empty() ? "" : ", ") + std::string(s.name);
     return names;
   }();
-  const std::string image_modes = "what to archive of LED images: full, regions (spots with a margin), none";
+  const std::string image_modes =
+      "what to archive of LED images: full, regions (spots with a margin), none";
 
   PlanArguments plan;
-  auto* plan_verb = app.add_subcommand("plan", "Check a scenario or campaign against a rig; move nothing");
+  auto* plan_verb =
+      app.add_subcommand("plan", "Check a scenario or campaign against a rig; move nothing");
   plan_verb->add_option("scenario", plan.scenario, "scenario or campaign file")->required();
   plan_verb->add_option("--rig", plan.rig, "rig file")->required();
   plan_verb->add_option("--csv", plan.csv, "write every pose to this file");
   plan_verb->add_option("--out", plan.out, "run folder to be, for the disk space check");
   plan_verb->add_option("--calibration", plan.calibration, "camera calibration instead of a sweep");
   plan_verb->add_option("--images", plan.images, image_modes)->capture_default_str();
-  plan_verb->footer("Example:\n  turntable plan scenarios/campaigns/paper_2019.json --rig scenarios/rigs/simulated.json");
+  plan_verb->footer(
+      "Example:\n  turntable plan scenarios/campaigns/paper_2019.json --rig "
+      "scenarios/rigs/simulated.json");
   plan_verb->callback([&] { code = guarded([&] { return plan_command(plan); }); });
 
   CalibrateArguments calibrate;
-  auto* calibrate_verb =
-      app.add_subcommand("calibrate", "Calibrate the camera from a run, or take a sweep first, or check a file");
-  calibrate_verb->add_option("source", calibrate.source, "run folder, calibration scenario, or calibration.json")->required();
+  auto* calibrate_verb = app.add_subcommand(
+      "calibrate", "Calibrate the camera from a run, or take a sweep first, or check a file");
+  calibrate_verb
+      ->add_option("source", calibrate.source,
+                   "run folder, calibration scenario, or calibration.json")
+      ->required();
   calibrate_verb->add_option("--rig", calibrate.rig, "rig file, for a scenario");
-  calibrate_verb->add_option("--order", calibrate.order, "polynomial order, for a run folder (default: the scenario's)")
+  calibrate_verb
+      ->add_option("--order", calibrate.order,
+                   "polynomial order, for a run folder (default: the scenario's)")
       ->check(CLI::Range(1, 9));
-  calibrate_verb->add_option("--out", calibrate.out, "file to write (default: the run's calibration.json); run folder for a scenario");
+  calibrate_verb->add_option(
+      "--out", calibrate.out,
+      "file to write (default: the run's calibration.json); run folder for a scenario");
   calibrate_verb->footer(
-      "Examples:\n  turntable calibrate scenarios/calibration_sweep.json --rig scenarios/rigs/simulated.json\n"
+      "Examples:\n  turntable calibrate scenarios/calibration_sweep.json --rig "
+      "scenarios/rigs/simulated.json\n"
       "  turntable calibrate results/runs/20260131T120000Z-quick --order 4 --out order4.json\n"
       "  turntable calibrate scenarios/calibrations/paper_table1.json");
   calibrate_verb->callback([&] { code = guarded([&] { return calibrate_command(calibrate); }); });
 
   RunArguments run;
-  auto* run_verb = app.add_subcommand("run", "Run a scenario or campaign: move, trigger, calibrate, evaluate, report");
+  auto* run_verb = app.add_subcommand(
+      "run", "Run a scenario or campaign: move, trigger, calibrate, evaluate, report");
   run_verb->add_option("scenario", run.scenario, "scenario or campaign file")->required();
   run_verb->add_option("--rig", run.rig, "rig file")->required();
   run_verb->add_option("--out", run.out, "run folder (default: results/runs/<UTC>-<name>)");
-  run_verb->add_option("--solver", run.solvers, "solvers to report (default: all): " + solver_names)->delimiter(',');
+  run_verb->add_option("--solver", run.solvers, "solvers to report (default: all): " + solver_names)
+      ->delimiter(',');
   run_verb->add_option("--calibration", run.calibration, "camera calibration instead of a sweep");
   run_verb->add_option("--images", run.images, image_modes)->capture_default_str();
   run_verb->add_option("--wire-log", run.wire_log, "append every byte on every line to this file");
   run_verb->add_flag("--dry-run", run.dry_run, "check everything, move nothing, write nothing");
-  run_verb->add_flag("--configure", run.configure, "write the rig file's set-up into the controllers first");
-  run_verb->add_flag("--assume-mounted", run.assume_mounted, "do not ask when the payload has to be changed");
-  run_verb->footer(std::string("Examples:\n"
-                               "  turntable run scenarios/campaigns/quick.json --rig scenarios/rigs/simulated.json\n"
-                               "  turntable run scenarios/uniaxial_z.json --rig scenarios/rigs/ideal.json --solver aopit,aopit_ray\n\n") +
-                   "Ctrl-C finishes the pose and ends; a second one stops the axes at once.\n" + kExitCodes);
+  run_verb->add_flag("--configure", run.configure,
+                     "write the rig file's set-up into the controllers first");
+  run_verb->add_flag("--assume-mounted", run.assume_mounted,
+                     "do not ask when the payload has to be changed");
+  run_verb->footer(
+      std::string(
+          "Examples:\n"
+          "  turntable run scenarios/campaigns/quick.json --rig scenarios/rigs/simulated.json\n"
+          "  turntable run scenarios/uniaxial_z.json --rig scenarios/rigs/ideal.json --solver "
+          "aopit,aopit_ray\n\n") +
+      "Ctrl-C finishes the pose and ends; a second one stops the axes at once.\n" + kExitCodes);
   run_verb->callback([&] { code = guarded([&] { return run_command(run); }); });
 
   EvaluateArguments evaluate;
-  auto* evaluate_verb =
-      app.add_subcommand("evaluate", "Make everything after the images again: calibration, poses.csv, tables, report");
+  auto* evaluate_verb = app.add_subcommand(
+      "evaluate", "Make everything after the images again: calibration, poses.csv, tables, report");
   evaluate_verb->add_option("run", evaluate.run, "run folder")->required();
-  evaluate_verb->add_option("--solver", evaluate.solvers, "solvers to report (default: all): " + solver_names)->delimiter(',');
+  evaluate_verb
+      ->add_option("--solver", evaluate.solvers,
+                   "solvers to report (default: all): " + solver_names)
+      ->delimiter(',');
   evaluate_verb->add_option("--calibration", evaluate.calibration, "another camera calibration");
-  evaluate_verb->footer("Example:\n  turntable evaluate results/runs/20260131T120000Z-quick --solver posit,aopit_ray");
+  evaluate_verb->footer(
+      "Example:\n  turntable evaluate results/runs/20260131T120000Z-quick --solver "
+      "posit,aopit_ray");
   evaluate_verb->callback([&] { code = guarded([&] { return evaluate_command(evaluate); }); });
 
   std::vector<std::filesystem::path> reports;
-  auto* report_verb = app.add_subcommand("report", "Write tables, figures and report.md again from stored points");
+  auto* report_verb =
+      app.add_subcommand("report", "Write tables, figures and report.md again from stored points");
   report_verb->add_option("runs", reports, "run folders")->required();
   report_verb->footer("Example:\n  turntable report results/runs/20260131T120000Z-quick");
   report_verb->callback([&] { code = guarded([&] { return report_command(reports); }); });
 
   SimulateArguments simulate;
-  auto* simulate_verb =
-      app.add_subcommand("simulate", "Serve the simulated controllers of a rig in real time on ptys and TCP ports");
+  auto* simulate_verb = app.add_subcommand(
+      "simulate", "Serve the simulated controllers of a rig in real time on ptys and TCP ports");
   simulate_verb->add_option("rig", simulate.rig, "rig file")->required();
-  simulate_verb->add_option("--links", simulate.links, "folder for links to the ptys, named after the controllers");
-  simulate_verb->footer("Example:\n  turntable simulate scenarios/rigs/simulated.json --links /tmp/rig");
+  simulate_verb->add_option("--links", simulate.links,
+                            "folder for links to the ptys, named after the controllers");
+  simulate_verb->footer(
+      "Example:\n  turntable simulate scenarios/rigs/simulated.json --links /tmp/rig");
   simulate_verb->callback([&] { code = guarded([&] { return simulate_command(simulate); }); });
 
   try {

@@ -25,9 +25,10 @@ std::vector<AxisConfig> axes_on(const RigFile& file, const std::string& controll
   return axes;
 }
 
-std::unique_ptr<sim::ControllerSimulator> simulator_for(const RigFile& file, const ControllerConfig& controller) {
-  return sim::simulate_controller(
-      controller.model, {axes_on(file, controller.name), file.simulation->axes, file.simulation->seed});
+std::unique_ptr<sim::ControllerSimulator> simulator_for(const RigFile& file,
+                                                        const ControllerConfig& controller) {
+  return sim::simulate_controller(controller.model, {axes_on(file, controller.name),
+                                                     file.simulation->axes, file.simulation->seed});
 }
 
 /// Writes every byte as text: "12.345678 mc1 > Position? X\r".
@@ -49,7 +50,8 @@ class WireLogFile {
         shown += fmt::format("\\x{:02x}", static_cast<unsigned char>(c));
     }
     const std::lock_guard lock(mutex_);
-    out_ << fmt::format("{:.6f} {} {} {}\n", seconds(time), line, direction == Direction::kSent ? '>' : '<', shown)
+    out_ << fmt::format("{:.6f} {} {} {}\n", seconds(time), line,
+                        direction == Direction::kSent ? '>' : '<', shown)
          << std::flush;
   }
 
@@ -62,22 +64,27 @@ void ask_to_mount(Payload payload) {
   const std::string what =
       payload == Payload::kCirclePattern ? "the circle pattern" : "the LED target (switched on)";
   if (::isatty(STDIN_FILENO) == 0)
-    throw DeviceError(fmt::format("{} has to be mounted on the table now, and nobody is there to be asked (no "
-                                  "terminal). Run from a terminal, or confirm with --assume-mounted that it stays "
-                                  "as it is.",
-                                  what));
+    throw DeviceError(fmt::format(
+        "{} has to be mounted on the table now, and nobody is there to be asked (no "
+        "terminal). Run from a terminal, or confirm with --assume-mounted that it stays "
+        "as it is.",
+        what));
   fmt::print(stderr, "\nMount {} on the table, then press Enter (Ctrl-C ends the run): ", what);
   std::string line;
-  if (!std::getline(std::cin, line)) throw Interrupted("interrupted while the payload was being changed");
+  if (!std::getline(std::cin, line))
+    throw Interrupted("interrupted while the payload was being changed");
 }
 
 Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
-  const auto simulated_line = [](const ControllerConfig& c) { return c.line.kind == LineConfig::Kind::kSimulated; };
+  const auto simulated_line = [](const ControllerConfig& c) {
+    return c.line.kind == LineConfig::Kind::kSimulated;
+  };
   const bool all_simulated = std::ranges::all_of(file.controllers, simulated_line);
   if (!all_simulated && std::ranges::any_of(file.controllers, simulated_line))
-    throw ConfigError(file.file, "/controllers",
-                      "mixes simulated and real lines, which keep different time. Serve the simulated ones with "
-                      "\"turntable simulate\" and name their ports here.");
+    throw ConfigError(
+        file.file, "/controllers",
+        "mixes simulated and real lines, which keep different time. Serve the simulated ones with "
+        "\"turntable simulate\" and name their ports here.");
   if (file.camera.model != "simulated" && file.camera.model != "folder")
     throw ConfigError(file.file, "/camera/model",
                       fmt::format("found \"{}\", allowed: simulated, folder.", file.camera.model));
@@ -103,7 +110,8 @@ Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
   for (const ControllerConfig& config : file.controllers) {
     const std::vector<AxisConfig> axes = axes_on(file, config.name);
     if (axes.empty())
-      throw ConfigError(file.file, "/controllers/" + config.name, "turns no axis. Remove it or give it one.");
+      throw ConfigError(file.file, "/controllers/" + config.name,
+                        "turns no axis. Remove it or give it one.");
     std::optional<Line> near_end;
     if (manual != nullptr) {
       std::shared_ptr<sim::ControllerSimulator> simulator = simulator_for(file, config);
@@ -117,10 +125,12 @@ Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
       near_end.emplace(open_line(config.line));
     }
     if (wire_log)
-      near_end->set_log([wire_log, name = config.name](Direction d, std::string_view bytes, Time t) {
-        wire_log->write(name, d, bytes, t);
-      });
-    std::shared_ptr<Controller> controller = open_controller({config, axes, std::move(*near_end), rig.clock});
+      near_end->set_log(
+          [wire_log, name = config.name](Direction d, std::string_view bytes, Time t) {
+            wire_log->write(name, d, bytes, t);
+          });
+    std::shared_ptr<Controller> controller =
+        open_controller({config, axes, std::move(*near_end), rig.clock});
     rig.owned.push_back(controller);
     controllers.push_back(controller.get());
     for (const AxisConfig& axis : axes) {
@@ -141,9 +151,10 @@ Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
     rig.identities.push_back(controller->identity());
   }
   if (!differences.empty())
-    throw DeviceError(fmt::format("the controllers are not set up as {} says; nothing may move:{}\nCorrect the rig "
-                                  "file, or write its set-up into the controllers with --configure.",
-                                  file.file, differences));
+    throw DeviceError(fmt::format(
+        "the controllers are not set up as {} says; nothing may move:{}\nCorrect the rig "
+        "file, or write its set-up into the controllers with --configure.",
+        file.file, differences));
 
   rig.stop_all = [controllers] {
     std::exception_ptr first;
@@ -159,25 +170,28 @@ Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
 
   if (file.camera.model == "simulated") {
     // A world on controllers that live in another process knows only what they report.
-    const auto where = [models, clock = rig.clock, stage = rig.stage, yaw = rig.yaw, roll = rig.roll,
-                        pitch = rig.pitch](AxisId id) {
-      if (const auto it = models.find(id); it != models.end()) return it->second->true_position(clock->now());
+    const auto where = [models, clock = rig.clock, stage = rig.stage, yaw = rig.yaw,
+                        roll = rig.roll, pitch = rig.pitch](AxisId id) {
+      if (const auto it = models.find(id); it != models.end())
+        return it->second->true_position(clock->now());
       if (id == AxisId::kStage) return stage->position().value;
       return (id == AxisId::kYaw ? yaw : id == AxisId::kRoll ? roll : pitch)->position().value;
     };
     auto world = std::make_shared<sim::World>(file, where);
-    auto camera = std::make_shared<sim::SimulatedCamera>(*rig.clock, *world, file.camera.frame_timeout_s);
+    auto camera =
+        std::make_shared<sim::SimulatedCamera>(*rig.clock, *world, file.camera.frame_timeout_s);
     rig.camera = camera.get();
     rig.mount = [world](Payload payload) { world->mount(payload); };
     rig.owned.push_back(world);
     rig.owned.push_back(camera);
   } else {
-    auto camera = std::make_shared<FolderCamera>(*rig.clock, file.camera.folder, file.camera.replay, file.camera.image_size,
-                                                 file.camera.frame_timeout_s,
-                                                 [](const std::filesystem::path& f) { return load_image(f); });
+    auto camera = std::make_shared<FolderCamera>(
+        *rig.clock, file.camera.folder, file.camera.replay, file.camera.image_size,
+        file.camera.frame_timeout_s, [](const std::filesystem::path& f) { return load_image(f); });
     rig.camera = camera.get();
     rig.owned.push_back(camera);
-    rig.mount = options.assume_mounted ? std::function<void(Payload)>([](Payload) {}) : ask_to_mount;
+    rig.mount =
+        options.assume_mounted ? std::function<void(Payload)>([](Payload) {}) : ask_to_mount;
   }
   rig.identities.push_back(rig.camera->identity());
   return rig;
@@ -196,7 +210,8 @@ auto naming_the_file(const RigFile& file, Work&& work) {
 
 void serve_devices(const RigFile& file, const std::filesystem::path& links) {
   if (!file.simulation)
-    throw ConfigError(file.file, "/simulation", "is missing: it says what is true of the simulated rig.");
+    throw ConfigError(file.file, "/simulation",
+                      "is missing: it says what is true of the simulated rig.");
   std::vector<std::unique_ptr<sim::ControllerSimulator>> simulators;
   std::vector<sim::ServedController> served;
   for (const ControllerConfig& config : file.controllers) {

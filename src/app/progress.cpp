@@ -27,15 +27,18 @@ ProgressLine::~ProgressLine() {
   if (terminal_ && width_ > 0) fmt::print(stderr, "\r{:{}}\r", "", width_);
 }
 
-void ProgressLine::update(std::size_t done, std::size_t total, std::string_view phase, double eta_s) {
+void ProgressLine::update(std::size_t done, std::size_t total, std::string_view phase,
+                          double eta_s) {
   const std::lock_guard lock(mutex_);
   done_ = std::max(done_, done);  // threads may report out of order
   const auto now = steady_clock::now();
   const double elapsed = seconds_between(start_, now);
   // Nothing for short work; then often on a terminal, seldom in a log.
-  if (elapsed < (terminal_ ? 0.3 : 2.0) || seconds_between(last_, now) < (terminal_ ? 0.1 : 10.0)) return;
+  if (elapsed < (terminal_ ? 0.3 : 2.0) || seconds_between(last_, now) < (terminal_ ? 0.1 : 10.0))
+    return;
   last_ = now;
-  if (eta_s < 0 && done_ > 0) eta_s = elapsed * static_cast<double>(total - done_) / static_cast<double>(done_);
+  if (eta_s < 0 && done_ > 0)
+    eta_s = elapsed * static_cast<double>(total - done_) / static_cast<double>(done_);
   std::string text = fmt::format("{}: {} of {}", what_, done_, total);
   if (!phase.empty()) text += fmt::format(", {}", phase);
   if (eta_s >= 0) text += fmt::format(", {} left", duration_text(eta_s));

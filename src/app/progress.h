@@ -16,7 +16,8 @@ class ProgressLine {
   ProgressLine(const ProgressLine&) = delete;
   ProgressLine& operator=(const ProgressLine&) = delete;
 
-  /// "what: pose 17 of 240, moving, 1 min 20 s left". Thread-safe. @param eta_s negative = work it out from the pace.
+  /// "what: pose 17 of 240, moving, 1 min 20 s left". Thread-safe. @param eta_s negative = work it
+  /// out from the pace.
   void update(std::size_t done, std::size_t total, std::string_view phase, double eta_s = -1.0);
 
  private:

@@ -17,15 +17,16 @@ struct AxisLimits {
 /// How a move ended. `missed` is data, not an error: it is written beside the pose.
 template <class Q>
 struct Arrival {
-  Q position;             ///< read back from the controller after settling
-  Q requested;            ///< what was asked for
-  bool missed = false;    ///< still outside the tolerance after all retries
+  Q position;           ///< read back from the controller after settling
+  Q requested;          ///< what was asked for
+  bool missed = false;  ///< still outside the tolerance after all retries
   int retries = 0;
   bool overshot = false;  ///< approached from the far side (one-sided approach)
 };
 
-/// Contract: limits are checked before any byte leaves; a motion command is sent exactly once; every wait has
-/// a deadline; after any exception the caller calls `stop()`, which is allowed in every state and from any thread.
+/// Contract: limits are checked before any byte leaves; a motion command is sent exactly once;
+/// every wait has a deadline; after any exception the caller calls `stop()`, which is allowed in
+/// every state and from any thread.
 template <class Q>
 class Axis {
  public:
@@ -37,13 +38,17 @@ class Axis {
   virtual void check(Q target) const = 0;
 
   virtual bool homed() const = 0;
-  /// Finds the reference; bounded in time. @throws TimeoutError, DeviceError, LineError, ProtocolError.
+  /// Finds the reference; bounded in time. @throws TimeoutError, DeviceError, LineError,
+  /// ProtocolError.
   virtual void home() = 0;
 
-  /// Begins a move; several axes may be moving at once. @throws LimitError before anything is sent; DeviceError if not homed.
+  /// Begins a move; several axes may be moving at once. @throws LimitError before anything is sent;
+  /// DeviceError if not homed.
   virtual void start(Q target) = 0;
-  /// Carries the move on without blocking for long. @return true once arrived and settled (see `arrival`).
-  /// @throws TimeoutError past the move's deadline or when the axis stalls, DeviceError when the controller reports one.
+  /// Carries the move on without blocking for long. @return true once arrived and settled (see
+  /// `arrival`).
+  /// @throws TimeoutError past the move's deadline or when the axis stalls, DeviceError when the
+  /// controller reports one.
   virtual bool advance() = 0;
   virtual Arrival<Q> arrival() const = 0;
 

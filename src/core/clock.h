@@ -1,6 +1,7 @@
-// Time as a parameter. `SystemClock` is the wall; `ManualClock` lets hours of simulated motion pass in
-// seconds, the same way every time, because it owns both the time and whoever lives at the other end of
-// the lines: while somebody waits, it lets those actors answer, and advances to the next thing that happens.
+// Time as a parameter. `SystemClock` is the wall; `ManualClock` lets hours of simulated motion pass
+// in seconds, the same way every time, because it owns both the time and whoever lives at the other
+// end of the lines: while somebody waits, it lets those actors answer, and advances to the next
+// thing that happens.
 #pragma once
 
 #include <chrono>
@@ -54,7 +55,8 @@ class Actor {
   virtual void act(Time now) = 0;
 };
 
-/// Virtual time, owned by the waiting side. Safe to call from several threads; actors run one at a time.
+/// Virtual time, owned by the waiting side. Safe to call from several threads; actors run one at a
+/// time.
 class ManualClock final : public Clock {
  public:
   Time now() const override;
@@ -73,8 +75,8 @@ class ManualClock final : public Clock {
   std::vector<Actor*> actors_;
 };
 
-/// Runs actors in real time until an interrupt: the same simulators, for people (`turntable simulate`).
-/// `actors` is read afresh on every turn, so an actor may add or remove others.
+/// Runs actors in real time until an interrupt: the same simulators, for people (`turntable
+/// simulate`). `actors` is read afresh on every turn, so an actor may add or remove others.
 void serve(SystemClock& clock, const std::vector<Actor*>& actors);
 
 /// Wall-clock UTC, ISO 8601 with milliseconds: "2026-01-31T12:00:00.000Z".

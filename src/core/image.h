@@ -27,7 +27,8 @@ struct ImageView {
   bool empty() const { return width <= 0 || height <= 0; }
 };
 
-/// An 8-bit grey image that owns its pixels. Pixel (0,0) is the centre of the top-left pixel; u right, v down.
+/// An 8-bit grey image that owns its pixels. Pixel (0,0) is the centre of the top-left pixel; u
+/// right, v down.
 struct Image {
   int width = 0;
   int height = 0;
@@ -37,7 +38,8 @@ struct Image {
   Image(ImageSize size, std::uint8_t grey)
       : width(size.width),
         height(size.height),
-        pixels(static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height), grey) {}
+        pixels(static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height), grey) {
+  }
   std::uint8_t* row(int v) { return pixels.data() + static_cast<std::ptrdiff_t>(v) * width; }
   operator ImageView() const { return {pixels.data(), width, height, width}; }
   ImageSize size() const { return {width, height}; }
@@ -46,8 +48,8 @@ struct Image {
 /// One exposure.
 struct Frame {
   Image image;
-  std::uint64_t id = 0;   ///< the camera's own counter; a gap is a lost frame
-  Time timestamp{0};      ///< start of exposure on the rig's clock
+  std::uint64_t id = 0;  ///< the camera's own counter; a gap is a lost frame
+  Time timestamp{0};     ///< start of exposure on the rig's clock
 };
 
 }  // namespace turntable

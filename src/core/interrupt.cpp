@@ -39,7 +39,8 @@ void throw_if_interrupted() {
 }
 
 void throw_if_stopping_now() {
-  if (g_level.load() >= 2 && t_shields == 0) throw Interrupted("interrupted: axes are being stopped");
+  if (g_level.load() >= 2 && t_shields == 0)
+    throw Interrupted("interrupted: axes are being stopped");
 }
 
 InterruptShield::InterruptShield() { ++t_shields; }

@@ -3,9 +3,11 @@
 
 namespace turntable {
 
-/// 0: carry on. 1 (first Ctrl-C): finish this pose, then end. 2 (second Ctrl-C, SIGTERM, SIGHUP): stop the axes now.
+/// 0: carry on. 1 (first Ctrl-C): finish this pose, then end. 2 (second Ctrl-C, SIGTERM, SIGHUP):
+/// stop the axes now.
 int interrupt_level();
-/// Raises the level by one for SIGINT and to 2 for SIGTERM and SIGHUP; ignores SIGPIPE. A third Ctrl-C kills.
+/// Raises the level by one for SIGINT and to 2 for SIGTERM and SIGHUP; ignores SIGPIPE. A third
+/// Ctrl-C kills.
 void install_interrupt_handlers();
 /// For tests, and for ending `serve`.
 void set_interrupt_level(int level);

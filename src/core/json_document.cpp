@@ -80,7 +80,8 @@ std::string keys_of(const Json& object) {
   return keys;
 }
 
-/// What is wrong with `value` against `schema` in a person's words; empty if this level shows nothing.
+/// What is wrong with `value` against `schema` in a person's words; empty if this level shows
+/// nothing.
 std::string explain(const Json& value, const Json& schema) {
   if (value.is_object() && schema.contains("properties")) {
     const Json& properties = schema.at("properties");
@@ -92,18 +93,20 @@ std::string explain(const Json& value, const Json& schema) {
     if (schema.contains("required"))
       for (const auto& key : schema.at("required"))
         if (!value.contains(key))
-          return fmt::format("key {} is missing. Add it ({}).", key.dump(),
-                             properties.contains(key)
-                                 ? properties.at(key.get<std::string>()).value("description", "see the schema")
-                                 : "see the schema");
+          return fmt::format(
+              "key {} is missing. Add it ({}).", key.dump(),
+              properties.contains(key)
+                  ? properties.at(key.get<std::string>()).value("description", "see the schema")
+                  : "see the schema");
   }
   std::string allowed;
   if (schema.contains("const")) allowed = schema.at("const").dump();
   if (schema.contains("enum")) allowed = "one of " + schema.at("enum").dump();
   if (allowed.empty() && schema.contains("type")) {
-    allowed = schema.at("type").is_string() ? schema.at("type").get<std::string>() : schema.at("type").dump();
-    for (const char* bound : {"minimum", "exclusiveMinimum", "maximum", "exclusiveMaximum", "minItems",
-                              "maxItems", "minLength", "multipleOf", "pattern"})
+    allowed = schema.at("type").is_string() ? schema.at("type").get<std::string>()
+                                            : schema.at("type").dump();
+    for (const char* bound : {"minimum", "exclusiveMinimum", "maximum", "exclusiveMaximum",
+                              "minItems", "maxItems", "minLength", "multipleOf", "pattern"})
       if (schema.contains(bound)) allowed += fmt::format(", {} {}", bound, schema.at(bound).dump());
   }
   if (allowed.empty()) return {};
@@ -136,15 +139,18 @@ Json parse_or_throw(std::string_view text, const std::string& name) {
     return Json::parse(text);
   } catch (const Json::parse_error& e) {
     const std::size_t end = std::min(text.size(), e.byte == 0 ? 0 : e.byte - 1);
-    const auto line = 1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(end), '\n');
+    const auto line =
+        1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(end), '\n');
     const std::size_t newline = text.substr(0, end).rfind('\n');
     const std::size_t column = end - (newline == std::string_view::npos ? 0 : newline + 1) + 1;
     std::string detail = e.what();
-    if (const auto at = detail.find("syntax error"); at != std::string::npos) detail = detail.substr(at);
-    throw ConfigError(name, "",
-                      fmt::format("not valid JSON at line {}, column {}: {} (JSON has no comments, no "
-                                  "trailing commas, no NaN)",
-                                  line, column, detail));
+    if (const auto at = detail.find("syntax error"); at != std::string::npos)
+      detail = detail.substr(at);
+    throw ConfigError(
+        name, "",
+        fmt::format("not valid JSON at line {}, column {}: {} (JSON has no comments, no "
+                    "trailing commas, no NaN)",
+                    line, column, detail));
   } catch (const Json::exception& e) {
     throw ConfigError(name, "", fmt::format("not valid JSON: {}", e.what()));
   }
@@ -155,7 +161,8 @@ Json parse_or_throw(std::string_view text, const std::string& name) {
 std::string read_text(const std::filesystem::path& file) {
   std::ifstream in(file, std::ios::binary);
   if (!in || std::filesystem::is_directory(file))
-    throw ConfigError(file.string(), "", "cannot be read: no such file, or no permission. Check the path.");
+    throw ConfigError(file.string(), "",
+                      "cannot be read: no such file, or no permission. Check the path.");
   std::ostringstream text;
   text << in.rdbuf();
   return text.str();
@@ -165,15 +172,16 @@ Json parse_json(std::string_view text, const std::string& name, std::string_view
   Json value = parse_or_throw(text, name);
   const Json schema_json = Json::parse(schema_text(schema_name));
 
-  // One cheap look first: a file of another kind should not be answered with a list of missing keys.
+  // One cheap look first: a file of another kind should not be answered with a list of missing
+  // keys.
   const Json& format = schema_json.at("properties").at("format");
   if (!value.is_object() || !value.contains("format") || value.at("format") != format.at("const"))
-    throw ConfigError(name, "/format",
-                      fmt::format("found {}, allowed: {}. This is not a {} file.",
-                                  value.is_object() && value.contains("format")
-                                      ? shown(value.at("format"))
-                                      : "no \"format\" key",
-                                  format.at("const").dump(), schema_name));
+    throw ConfigError(
+        name, "/format",
+        fmt::format("found {}, allowed: {}. This is not a {} file.",
+                    value.is_object() && value.contains("format") ? shown(value.at("format"))
+                                                                  : "no \"format\" key",
+                    format.at("const").dump(), schema_name));
 
   valijson::Schema schema;
   valijson::SchemaParser parser;

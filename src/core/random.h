@@ -1,5 +1,5 @@
-// Reproducible randomness. Every draw is addressed by (seed, stream, index), so that it does not depend on
-// what was drawn before it, on threads, or on the order in which devices were built.
+// Reproducible randomness. Every draw is addressed by (seed, stream, index), so that it does not
+// depend on what was drawn before it, on threads, or on the order in which devices were built.
 #pragma once
 
 #include <cstdint>
@@ -8,13 +8,14 @@
 
 namespace turntable {
 
-/// A small generator (SplitMix64, Steele et al. 2014) that satisfies UniformRandomBitGenerator; its draws
-/// are the same on every platform, which the standard library's distributions do not promise.
+/// A small generator (SplitMix64, Steele et al. 2014) that satisfies UniformRandomBitGenerator; its
+/// draws are the same on every platform, which the standard library's distributions do not promise.
 class Random {
  public:
   using result_type = std::uint64_t;
 
-  /// @param stream what is drawn ("yaw repeatability"); @param index which one (move or frame number).
+  /// @param stream what is drawn ("yaw repeatability"); @param index which one (move or frame
+  /// number).
   Random(std::uint64_t seed, std::string_view stream, std::uint64_t index = 0);
 
   result_type operator()() {

@@ -1,5 +1,5 @@
-// The rig: named axes and a camera. A plain struct; what it is made of (real or simulated devices, the
-// lines between them) stays alive in `owned` and is nobody else's business.
+// The rig: named axes and a camera. A plain struct; what it is made of (real or simulated devices,
+// the lines between them) stays alive in `owned` and is nobody else's business.
 #pragma once
 
 #include <functional>
@@ -22,9 +22,11 @@ struct Rig {
   Axis<Degrees>* pitch = nullptr;
   Camera* camera = nullptr;
   bool simulated = false;
-  /// Stops every axis: first all commands, then all verifications. Any thread, any state. Empty = axis by axis.
+  /// Stops every axis: first all commands, then all verifications. Any thread, any state. Empty =
+  /// axis by axis.
   std::function<void()> stop_all;
-  /// Puts a payload on the table: a person on a real rig, the world on a simulated one. Throws if refused.
+  /// Puts a payload on the table: a person on a real rig, the world on a simulated one. Throws if
+  /// refused.
   std::function<void(Payload)> mount;
   /// One line per device: what it says it is.
   std::vector<std::string> identities;

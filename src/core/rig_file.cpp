@@ -43,8 +43,9 @@ class Reader {
     rig.gimbal = gimbal();
     rig.pattern = pattern();
     if ((rig.gimbal.centre_at_stage_zero_mm + rig.pattern.offset_mm).norm() > 1e-6)
-      fail("/pattern/offset_mm", "and /gimbal/centre_at_stage_zero_mm do not add up to zero: the plane frame's origin "
-                                 "is the pattern's origin circle at stage position 0 and zero angles.");
+      fail("/pattern/offset_mm",
+           "and /gimbal/centre_at_stage_zero_mm do not add up to zero: the plane frame's origin "
+           "is the pattern's origin circle at stage position 0 and zero angles.");
     rig.target = target();
     if (json_.contains("calibration")) {
       const Json& c = json_.at("calibration");
@@ -53,8 +54,9 @@ class Reader {
     }
     if (json_.contains("simulation")) rig.simulation = simulation(rig);
     if (rig.simulated() && !rig.simulation)
-      fail("/simulation", "is missing, but a device of this rig is simulated. Add the section (see "
-                          "scenarios/rigs/simulated.json) or give the device a real line.");
+      fail("/simulation",
+           "is missing, but a device of this rig is simulated. Add the section (see "
+           "scenarios/rigs/simulated.json) or give the device a real line.");
     return rig;
   }
 
@@ -91,20 +93,25 @@ class Reader {
     axis.controller = a.at("controller");
     axis.channel = a.at("channel");
     axis.stage_model = a.at("stage");
-    if (std::ranges::find(rig.controllers, axis.controller, &ControllerConfig::name) == rig.controllers.end())
-      fail(at + "/controller", fmt::format("found \"{}\", allowed: {}. Name a controller of this file.",
-                                           axis.controller, controller_names(rig)));
+    if (std::ranges::find(rig.controllers, axis.controller, &ControllerConfig::name) ==
+        rig.controllers.end())
+      fail(at + "/controller",
+           fmt::format("found \"{}\", allowed: {}. Name a controller of this file.",
+                       axis.controller, controller_names(rig)));
     const StageSpec* spec = find_stage_spec(axis.stage_model);
     if (spec == nullptr)
-      fail(at + "/stage", fmt::format("found \"{}\", allowed: {}. Name a stage of the table and override "
-                                      "what differs.",
-                                      axis.stage_model, stage_names(id)));
+      fail(at + "/stage",
+           fmt::format("found \"{}\", allowed: {}. Name a stage of the table and override "
+                       "what differs.",
+                       axis.stage_model, stage_names(id)));
     const bool linear = id == AxisId::kStage;
     if ((spec->kind == StageKind::kLinear) != linear)
       fail(at + "/stage", fmt::format("found \"{}\", which is {}; allowed: {}.", axis.stage_model,
                                       linear ? "rotary" : "linear", stage_names(id)));
     const std::string unit(axis.unit());
-    const auto value = [&](const std::string& key, double standard) { return a.value(key, standard); };
+    const auto value = [&](const std::string& key, double standard) {
+      return a.value(key, standard);
+    };
     axis.kind = spec->kind;
     axis.steps_per_rev = value("steps_per_rev", spec->steps_per_rev);
     axis.drive_ratio = value("drive_ratio", spec->drive_ratio);
@@ -126,22 +133,28 @@ class Reader {
       axis.lower = a.at(key).at(0);
       axis.upper = a.at(key).at(1);
       if (!(axis.lower < axis.upper))
-        fail(at + "/" + key, fmt::format("found [{}, {}] {}, allowed: lower < upper. Put the lower limit first.",
-                                         axis.lower, axis.upper, unit));
+        fail(at + "/" + key,
+             fmt::format("found [{}, {}] {}, allowed: lower < upper. Put the lower limit first.",
+                         axis.lower, axis.upper, unit));
       if (axis.lower < spec->travel_lower || axis.upper > spec->travel_upper)
-        fail(at + "/" + key, fmt::format("found [{}, {}] {}, allowed: inside the travel of {}, [{}, {}] {}.",
-                                         axis.lower, axis.upper, unit, axis.stage_model, spec->travel_lower,
-                                         spec->travel_upper, unit));
+        fail(at + "/" + key,
+             fmt::format("found [{}, {}] {}, allowed: inside the travel of {}, [{}, {}] {}.",
+                         axis.lower, axis.upper, unit, axis.stage_model, spec->travel_lower,
+                         spec->travel_upper, unit));
     }
     if (axis.speed < axis.initial_speed)
-      fail(at, fmt::format("speed {} {}/s is below the initial speed {} {}/s. Raise the one or lower the other.",
-                           axis.speed, unit, axis.initial_speed, unit));
+      fail(
+          at,
+          fmt::format(
+              "speed {} {}/s is below the initial speed {} {}/s. Raise the one or lower the other.",
+              axis.speed, unit, axis.initial_speed, unit));
     if (axis.upper - axis.lower <= 2 * std::abs(axis.backlash))
-      fail(at, fmt::format("limits [{}, {}] {} leave no room for the approach overshoot of {} {}.", axis.lower,
-                           axis.upper, unit, axis.backlash, unit));
+      fail(at, fmt::format("limits [{}, {}] {} leave no room for the approach overshoot of {} {}.",
+                           axis.lower, axis.upper, unit, axis.backlash, unit));
     if (axis.tolerance < 0.5 * axis.per_step())
       fail(at + "/tolerance_" + unit,
-           fmt::format("found {} {}, allowed: at least half a pulse, {} {}; the controller cannot come closer.",
+           fmt::format("found {} {}, allowed: at least half a pulse, {} {}; the controller cannot "
+                       "come closer.",
                        axis.tolerance, unit, 0.5 * axis.per_step(), unit));
     return axis;
   }
@@ -165,7 +178,8 @@ class Reader {
       const auto [it, fresh] = taken.emplace(std::pair(axis.controller, axis.channel), id);
       if (!fresh)
         fail(fmt::format("/axes/{}/channel", axis_name(id)),
-             fmt::format("channel {} of controller {} already turns axis {}. Give each axis its own channel.",
+             fmt::format("channel {} of controller {} already turns axis {}. Give each axis its "
+                         "own channel.",
                          axis.channel, axis.controller, axis_name(it->second)));
     }
   }
@@ -193,19 +207,22 @@ class Reader {
       for (std::size_t i = 0; i < 3; ++i)
         gimbal.order_base_outwards[i] =
             axis_from_name(g.at("order_base_outwards").at(i).get<std::string>());
-    gimbal.axes = {Vector3d::UnitZ(), Vector3d::UnitY(), Vector3d::UnitX()};  // yaw, roll, pitch = z, y, x
+    gimbal.axes = {Vector3d::UnitZ(), Vector3d::UnitY(),
+                   Vector3d::UnitX()};  // yaw, roll, pitch = z, y, x
     if (g.contains("axes"))
       for (std::size_t i = 0; i < 3; ++i) {
         const std::string key(axis_name(kRotaryAxes[i]));
         if (!g.at("axes").contains(key)) continue;
         gimbal.axes[i] = vector3(g.at("axes").at(key));
-        if (gimbal.axes[i].norm() < 1e-6) fail("/gimbal/axes/" + key, "has no length. State a direction.");
+        if (gimbal.axes[i].norm() < 1e-6)
+          fail("/gimbal/axes/" + key, "has no length. State a direction.");
         gimbal.axes[i].normalize();
       }
     const auto& [yaw, roll, pitch] = gimbal.axes;
     if (std::abs(std::abs(yaw.dot(roll.cross(pitch))) - 1.0) > 1e-9)
-      fail("/gimbal/axes", "the three axes are not at right angles. State nominal directions; small errors of "
-                           "the real axes are the business of the evaluation.");
+      fail("/gimbal/axes",
+           "the three axes are not at right angles. State nominal directions; small errors of "
+           "the real axes are the business of the evaluation.");
     gimbal.centre_at_stage_zero_mm = vector3(g.at("centre_at_stage_zero_mm"));
     return gimbal;
   }
@@ -223,16 +240,18 @@ class Reader {
     pattern.bright = p.at("circles") == "bright";
     pattern.offset_mm = vector3_or_zero(p, "offset_mm");
     if (pattern.origin_column >= pattern.columns || pattern.origin_row >= pattern.rows)
-      fail("/pattern/origin", fmt::format("found [{}, {}], allowed: inside the {} x {} pattern.",
-                                          pattern.origin_column, pattern.origin_row, pattern.columns,
-                                          pattern.rows));
+      fail("/pattern/origin",
+           fmt::format("found [{}, {}], allowed: inside the {} x {} pattern.",
+                       pattern.origin_column, pattern.origin_row, pattern.columns, pattern.rows));
     if (pattern.direction_radius_mm < 1.15 * pattern.radius_mm)
       fail("/pattern/direction_radius_mm",
-           fmt::format("found {} mm, allowed: at least 1.15 times radius_mm ({} mm), or the bigger circles "
-                       "cannot be told apart.",
-                       pattern.direction_radius_mm, pattern.radius_mm));
+           fmt::format(
+               "found {} mm, allowed: at least 1.15 times radius_mm ({} mm), or the bigger circles "
+               "cannot be told apart.",
+               pattern.direction_radius_mm, pattern.radius_mm));
     if (2 * pattern.direction_radius_mm >= pattern.spacing_mm)
-      fail("/pattern/direction_radius_mm", "neighbouring circles touch. Make them smaller than the spacing.");
+      fail("/pattern/direction_radius_mm",
+           "neighbouring circles touch. Make them smaller than the spacing.");
     for (std::size_t i = 0; i < 4; ++i) {
       const Json& d = p.at("direction_circles").at(i);
       const std::array<int, 2> at{d.at(0), d.at(1)};
@@ -244,8 +263,10 @@ class Reader {
         fail(place, fmt::format("[{}, {}] is stated twice.", at[0], at[1]));
       pattern.direction_circles.push_back(at);
     }
-    if (std::ranges::find(pattern.direction_circles, std::array{0, 0}) == pattern.direction_circles.end())
-      fail("/pattern/direction_circles", "[0, 0] is not among them; the origin circle is a bigger one.");
+    if (std::ranges::find(pattern.direction_circles, std::array{0, 0}) ==
+        pattern.direction_circles.end())
+      fail("/pattern/direction_circles",
+           "[0, 0] is not among them; the origin circle is a bigger one.");
     check_direction_circles(pattern);
     return pattern;
   }
@@ -256,9 +277,12 @@ class Reader {
     for (std::size_t i = 0; i < 4; ++i)
       for (std::size_t j = i + 1; j < 4; ++j)
         for (std::size_t k = j + 1; k < 4; ++k)
-          if ((d[j][0] - d[i][0]) * (d[k][1] - d[i][1]) == (d[k][0] - d[i][0]) * (d[j][1] - d[i][1]))
-            fail("/pattern/direction_circles", "three of them lie on one line. Choose four in general position.");
-    const auto relative = [&](int a, int b, int c, int e) {  // the set under one lattice symmetry, from its own corner
+          if ((d[j][0] - d[i][0]) * (d[k][1] - d[i][1]) ==
+              (d[k][0] - d[i][0]) * (d[j][1] - d[i][1]))
+            fail("/pattern/direction_circles",
+                 "three of them lie on one line. Choose four in general position.");
+    const auto relative = [&](int a, int b, int c,
+                              int e) {  // the set under one lattice symmetry, from its own corner
       std::vector<std::array<int, 2>> moved;
       for (const auto& p : d) moved.push_back({a * p[0] + b * p[1], c * p[0] + e * p[1]});
       std::ranges::sort(moved);
@@ -267,11 +291,17 @@ class Reader {
       return moved;
     };
     const auto as_is = relative(1, 0, 0, 1);
-    for (const auto& [a, b, c, e] : {std::array{0, -1, 1, 0}, {-1, 0, 0, -1}, {0, 1, -1, 0}, {1, 0, 0, -1},
-                                     {-1, 0, 0, 1}, {0, 1, 1, 0}, {0, -1, -1, 0}})
+    for (const auto& [a, b, c, e] : {std::array{0, -1, 1, 0},
+                                     {-1, 0, 0, -1},
+                                     {0, 1, -1, 0},
+                                     {1, 0, 0, -1},
+                                     {-1, 0, 0, 1},
+                                     {0, 1, 1, 0},
+                                     {0, -1, -1, 0}})
       if (relative(a, b, c, e) == as_is)
         fail("/pattern/direction_circles",
-             "the four look the same after a turn or a reflection, so that the pattern's direction is ambiguous.");
+             "the four look the same after a turn or a reflection, so that the pattern's direction "
+             "is ambiguous.");
   }
 
   TargetConfig target() const {
@@ -281,17 +311,22 @@ class Reader {
     target.led_radius_mm = t.at("led_radius_mm");
     target.offset_mm = vector3_or_zero(t, "offset_mm");
     if (target.points_mm.front().norm() > 0)
-      fail("/target/points_mm/0", "found a point off the origin, allowed: [0, 0, 0]. M0 is the target's origin.");
-    // Singular values of the vectors from M0, as roots of the eigenvalues of their 3 x 3 normal matrix.
+      fail("/target/points_mm/0",
+           "found a point off the origin, allowed: [0, 0, 0]. M0 is the target's origin.");
+    // Singular values of the vectors from M0, as roots of the eigenvalues of their 3 x 3 normal
+    // matrix.
     Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
     for (const Vector3d& p : target.points_mm) normal += p * p.transpose();
     const Vector3d extent =
-        Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(normal, Eigen::EigenvaluesOnly).eigenvalues().cwiseMax(0.0).cwiseSqrt();
+        Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(normal, Eigen::EigenvaluesOnly)
+            .eigenvalues()
+            .cwiseMax(0.0)
+            .cwiseSqrt();
     if (!(extent(0) > 1e-2 * extent(2)))
-      fail("/target/points_mm",
-           fmt::format("the points lie in one plane (smallest to largest extent {:.2g}), allowed: at least 0.01. "
-                       "The attitude solvers need depth: raise one LED.",
-                       extent(2) > 0 ? extent(0) / extent(2) : 0.0));
+      fail("/target/points_mm", fmt::format("the points lie in one plane (smallest to largest "
+                                            "extent {:.2g}), allowed: at least 0.01. "
+                                            "The attitude solvers need depth: raise one LED.",
+                                            extent(2) > 0 ? extent(0) / extent(2) : 0.0));
     for (std::size_t i = 0; i < target.points_mm.size(); ++i)
       for (std::size_t j = i + 1; j < target.points_mm.size(); ++j)
         if ((target.points_mm[i] - target.points_mm[j]).norm() < 2 * target.led_radius_mm)
@@ -307,11 +342,13 @@ class Reader {
     sim.lens.focal_px = lens.at("focal_px");
     sim.lens.principal_point_px = vector2(lens.at("principal_point_px"));
     if (lens.contains("radial")) sim.lens.radial = lens.at("radial").get<std::array<double, 3>>();
-    if (lens.contains("decentring")) sim.lens.decentring = lens.at("decentring").get<std::array<double, 2>>();
+    if (lens.contains("decentring"))
+      sim.lens.decentring = lens.at("decentring").get<std::array<double, 2>>();
     sim.lens.sensor_tilt_deg = vector2_or_zero(lens, "sensor_tilt_deg");
     sim.lens.pupil_walk_mm_per_rad2 = lens.value("pupil_walk_mm_per_rad2", 0.0);
-    sim.camera_position_mm = s.contains("camera_position_mm") ? vector3(s.at("camera_position_mm"))
-                                                              : Vector3d(0, 0, rig.camera.nominal_height_mm);
+    sim.camera_position_mm = s.contains("camera_position_mm")
+                                 ? vector3(s.at("camera_position_mm"))
+                                 : Vector3d(0, 0, rig.camera.nominal_height_mm);
     sim.camera_rotation_deg = vector3_or_zero(s, "camera_rotation_deg");
     sim.stage_squareness_deg = vector2_or_zero(s, "stage_squareness_deg");
     sim.plane_from_gimbal_deg = vector3_or_zero(s, "plane_from_gimbal_deg");
@@ -321,9 +358,11 @@ class Reader {
     if (s.contains("target_errors_mm")) {
       const Json& errors = s.at("target_errors_mm");
       if (errors.size() != sim.target_errors_mm.size())
-        fail("/simulation/target_errors_mm", fmt::format("found {} rows, allowed: one per target point, {}.",
-                                                         errors.size(), sim.target_errors_mm.size()));
-      for (std::size_t i = 0; i < errors.size(); ++i) sim.target_errors_mm[i] = vector3(errors.at(i));
+        fail("/simulation/target_errors_mm",
+             fmt::format("found {} rows, allowed: one per target point, {}.", errors.size(),
+                         sim.target_errors_mm.size()));
+      for (std::size_t i = 0; i < errors.size(); ++i)
+        sim.target_errors_mm[i] = vector3(errors.at(i));
     }
     for (const AxisId id : kAllAxes) {
       AxisTruth truth;
@@ -338,9 +377,12 @@ class Reader {
       sim.axes[id] = truth;
     }
     const Json& image = s.at("image");
-    sim.image = {image.at("background_grey"),    image.at("led_peak_grey"),
-                 image.at("circle_dark_grey"),   image.at("circle_bright_grey"),
-                 image.at("blur_px"),            image.value("read_noise_grey", 0.0),
+    sim.image = {image.at("background_grey"),
+                 image.at("led_peak_grey"),
+                 image.at("circle_dark_grey"),
+                 image.at("circle_bright_grey"),
+                 image.at("blur_px"),
+                 image.value("read_noise_grey", 0.0),
                  image.value("electrons_per_grey", 0.0)};
     return sim;
   }
@@ -371,7 +413,8 @@ const ControllerConfig& RigFile::controller(const std::string& controller_name) 
 }
 
 bool RigFile::simulated() const {
-  return camera.model == "simulated" || std::ranges::any_of(controllers, [](const ControllerConfig& c) {
+  return camera.model == "simulated" ||
+         std::ranges::any_of(controllers, [](const ControllerConfig& c) {
            return c.line.kind == LineConfig::Kind::kSimulated;
          });
 }

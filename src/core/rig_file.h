@@ -1,5 +1,5 @@
-// What a rig file says (scenarios/rigs/README.md lists every field with its unit), defaults filled in from the
-// stage table. Lengths mm, angles deg, times s, as in the file.
+// What a rig file says (scenarios/rigs/README.md lists every field with its unit), defaults filled
+// in from the stage table. Lengths mm, angles deg, times s, as in the file.
 #pragma once
 
 #include <Eigen/Core>
@@ -64,7 +64,8 @@ struct AxisConfig {
 
   std::string_view unit() const { return axis_unit(id); }
   double per_step() const {
-    return kind == StageKind::kRotary ? 360.0 / (drive_ratio * steps_per_rev) : lead_mm / steps_per_rev;
+    return kind == StageKind::kRotary ? 360.0 / (drive_ratio * steps_per_rev)
+                                      : lead_mm / steps_per_rev;
   }
 };
 
@@ -87,14 +88,17 @@ struct GimbalConfig {
   Vector3d centre_at_stage_zero_mm = Vector3d::Zero();  ///< plane frame
 };
 
-/// Lattice positions are (column, row) relative to the origin circle, x = column * spacing, y = row * spacing.
+/// Lattice positions are (column, row) relative to the origin circle, x = column * spacing, y = row
+/// * spacing.
 struct PatternConfig {
   int columns{}, rows{};
-  int origin_column{}, origin_row{};  ///< of the origin circle, counted from the corner with the least x and y
+  int origin_column{},
+      origin_row{};  ///< of the origin circle, counted from the corner with the least x and y
   double spacing_mm{}, radius_mm{}, direction_radius_mm{};
-  std::vector<std::array<int, 2>> direction_circles;  ///< four (column, row) relative to the origin circle
-  bool bright = true;                                  ///< bright circles on a dark ground
-  Vector3d offset_mm = Vector3d::Zero();               ///< origin circle from the gimbal centre at zero angles
+  std::vector<std::array<int, 2>>
+      direction_circles;                  ///< four (column, row) relative to the origin circle
+  bool bright = true;                     ///< bright circles on a dark ground
+  Vector3d offset_mm = Vector3d::Zero();  ///< origin circle from the gimbal centre at zero angles
 };
 
 struct TargetConfig {
@@ -103,8 +107,9 @@ struct TargetConfig {
   Vector3d offset_mm = Vector3d::Zero();  ///< M0 from the gimbal centre at zero angles
 };
 
-/// A thin-walled lens that no camera model under test contains exactly: radial polynomial, decentring,
-/// a tilted sensor and an entrance pupil that walks along the axis with the field angle.
+/// A thin-walled lens that no camera model under test contains exactly: radial polynomial,
+/// decentring, a tilted sensor and an entrance pupil that walks along the axis with the field
+/// angle.
 struct LensTruth {
   double focal_px{};
   Vector2d principal_point_px = Vector2d::Zero();
@@ -116,29 +121,31 @@ struct LensTruth {
 
 /// What is true of the simulated axis and unknown to the controller. Units of the axis.
 struct AxisTruth {
-  double repeatability{};      ///< two standard deviations of the random part of each arrival
-  double backlash{};           ///< lost motion when the direction of approach changes
-  double worm_amplitude{};     ///< periodic error, once per worm (motor) revolution
-  double home_offset{};        ///< where the axis stands at power-up, from the reference
+  double repeatability{};   ///< two standard deviations of the random part of each arrival
+  double backlash{};        ///< lost motion when the direction of approach changes
+  double worm_amplitude{};  ///< periodic error, once per worm (motor) revolution
+  double home_offset{};     ///< where the axis stands at power-up, from the reference
 };
 
 struct ImageTruth {
   double background_grey{}, led_peak_grey{};
   double circle_dark_grey{}, circle_bright_grey{};
-  double blur_px{};                 ///< standard deviation of the point spread
+  double blur_px{};  ///< standard deviation of the point spread
   double read_noise_grey{};
-  double electrons_per_grey{};      ///< shot noise; 0 = none
+  double electrons_per_grey{};  ///< shot noise; 0 = none
 };
 
 struct SimulationConfig {
   std::uint64_t seed{};
   LensTruth lens;
-  Vector3d camera_position_mm = Vector3d::Zero();       ///< plane frame
-  Vector3d camera_rotation_deg = Vector3d::Zero();      ///< rotation vector, from looking straight down -z
-  Vector2d stage_squareness_deg = Vector2d::Zero();     ///< lean of the travel towards x and y
-  Vector3d plane_from_gimbal_deg = Vector3d::Zero();    ///< rotation vector: gimbal axes against the plane frame
-  Vector3d table_from_target_deg = Vector3d::Zero();    ///< rotation vector: target against the table
-  std::vector<Vector3d> target_errors_mm;               ///< real minus drawn LED positions
+  Vector3d camera_position_mm = Vector3d::Zero();  ///< plane frame
+  Vector3d camera_rotation_deg =
+      Vector3d::Zero();  ///< rotation vector, from looking straight down -z
+  Vector2d stage_squareness_deg = Vector2d::Zero();  ///< lean of the travel towards x and y
+  Vector3d plane_from_gimbal_deg =
+      Vector3d::Zero();  ///< rotation vector: gimbal axes against the plane frame
+  Vector3d table_from_target_deg = Vector3d::Zero();  ///< rotation vector: target against the table
+  std::vector<Vector3d> target_errors_mm;             ///< real minus drawn LED positions
   Vector3d target_offset_error_mm = Vector3d::Zero();
   std::map<AxisId, AxisTruth> axes;
   ImageTruth image;
@@ -169,8 +176,9 @@ struct RigFile {
   bool simulated() const;
 };
 
-/// @throws ConfigError: schema, unknown stage or controller name, limits outside the stage's travel, two axes
-/// on one channel, fewer than four or coplanar target points, direction circles off the pattern, and the like.
+/// @throws ConfigError: schema, unknown stage or controller name, limits outside the stage's
+/// travel, two axes on one channel, fewer than four or coplanar target points, direction circles
+/// off the pattern, and the like.
 RigFile load_rig_file(const std::filesystem::path& file);
 /// The same from text (a frozen copy in a run folder). Relative paths are taken from `folder`.
 RigFile parse_rig_file(const std::string& text, const std::string& name,

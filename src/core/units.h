@@ -1,5 +1,6 @@
-// Units as types where motor steps meet millimetres and degrees; suffixes (_mm, _deg, _rad, _px, _s)
-// everywhere else. A mistaken unit is then a compile error exactly where it could move hardware.
+// Units as types where motor steps meet millimetres and degrees; suffixes (_mm, _deg, _rad, _px,
+// _s) everywhere else. A mistaken unit is then a compile error exactly where it could move
+// hardware.
 #pragma once
 
 #include <cmath>

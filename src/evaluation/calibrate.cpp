@@ -29,24 +29,29 @@ PoseView view_of(const TakenPose& pose, const RunFolder& folder, const RigFile& 
     const Image image = load_image(folder, taken);
     const std::string file = (folder.root() / taken.file).string();
     if (image.size() != rig.camera.image_size)
-      throw ConfigError(file, "",
-                        fmt::format("found {} x {} px, allowed: {} x {} px as the rig file says.", image.width,
-                                    image.height, rig.camera.image_size.width, rig.camera.image_size.height));
+      throw ConfigError(
+          file, "",
+          fmt::format("found {} x {} px, allowed: {} x {} px as the rig file says.", image.width,
+                      image.height, rig.camera.image_size.width, rig.camera.image_size.height));
     const PatternSearch search = find_pattern(image, rig.pattern);
     if (search.status != PatternStatus::kFound)
-      throw ConfigError(file, "",
-                        fmt::format("{} ({} round components seen, {} cut by the border). Check focus, light and the "
-                                    "pattern section of the rig file.",
-                                    pattern_status_name(search.status), search.candidates, search.cut_by_border));
+      throw ConfigError(
+          file, "",
+          fmt::format(
+              "{} ({} round components seen, {} cut by the border). Check focus, light and the "
+              "pattern section of the rig file.",
+              pattern_status_name(search.status), search.candidates, search.cut_by_border));
     for (const IndexedCircle& c : search.circles) {
       view.centres_px.try_emplace({c.row, c.column}, Vector2d::Zero()).first->second += c.centre_px;
       ++seen[{c.row, c.column}];
     }
   }
   for (auto& [key, centre] : view.centres_px) centre /= seen[key];
-  // A circle near the border that only some images show would average other noise than its neighbours.
-  std::erase_if(view.centres_px,
-                [&](const auto& entry) { return seen[entry.first] != static_cast<int>(pose.images.size()); });
+  // A circle near the border that only some images show would average other noise than its
+  // neighbours.
+  std::erase_if(view.centres_px, [&](const auto& entry) {
+    return seen[entry.first] != static_cast<int>(pose.images.size());
+  });
   return view;
 }
 
@@ -54,7 +59,8 @@ PoseView view_of(const TakenPose& pose, const RunFolder& folder, const RigFile& 
 std::vector<PlanePoint> points_of(const PoseView& view, double spacing_mm) {
   std::vector<PlanePoint> points;
   for (const auto& [key, centre] : view.centres_px)
-    points.push_back({centre, Vector2d(key[1], key[0]) * spacing_mm, view.pose->stage.position, key[1], key[0]});
+    points.push_back(
+        {centre, Vector2d(key[1], key[0]) * spacing_mm, view.pose->stage.position, key[1], key[0]});
   return points;
 }
 
@@ -74,7 +80,8 @@ bool shows_a_plane(const TakenPose& pose) {
 
 }  // namespace
 
-std::vector<PlanePoint> plane_points(const RunRecord& record, const RunFolder& folder, const RigFile& rig) {
+std::vector<PlanePoint> plane_points(const RunRecord& record, const RunFolder& folder,
+                                     const RigFile& rig) {
   std::vector<PlanePoint> points;
   for (const TakenPose& pose : record.poses) {
     if (!shows_a_plane(pose)) continue;
@@ -85,8 +92,8 @@ std::vector<PlanePoint> plane_points(const RunRecord& record, const RunFolder& f
 }
 
 bool has_calibration_sweep(const Plan& plan) {
-  return std::ranges::any_of(plan.scenarios,
-                             [](const ScenarioInfo& s) { return s.kind == ScenarioKind::kCalibration; });
+  return std::ranges::any_of(
+      plan.scenarios, [](const ScenarioInfo& s) { return s.kind == ScenarioKind::kCalibration; });
 }
 
 CalibrationResult calibrate(const RunRecord& record, const RunFolder& folder, const RigFile& rig,
@@ -103,7 +110,8 @@ CalibrationResult calibrate(const RunRecord& record, const RunFolder& folder, co
   }
   if (poses.empty())
     throw ConfigError(folder.root().string(), "",
-                      "holds no images of a calibration sweep. Run a campaign with a calibration scenario, or name a "
+                      "holds no images of a calibration sweep. Run a campaign with a calibration "
+                      "scenario, or name a "
                       "calibration with --calibration.");
 
   std::vector<PoseView> views(poses.size());

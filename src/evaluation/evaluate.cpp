@@ -32,7 +32,8 @@ struct Setting {
   const EvaluateOptions& options;
   Gimbal gimbal;
   TargetModel target;
-  double gate_mm;  ///< a quarter of the smallest distance between two LEDs: beyond it a match means nothing
+  double gate_mm;  ///< a quarter of the smallest distance between two LEDs: beyond it a match means
+                   ///< nothing
 };
 
 double smallest_distance(const std::vector<Vector3d>& points) {
@@ -48,11 +49,13 @@ std::vector<Vector2d> spot_centres(const TakenImage& taken, const Setting& s) {
   if (s.options.spots == SpotSource::kImages && !taken.file.empty()) {
     const Image image = load_image(s.folder, taken);
     if (image.size() != s.calibration.irt.image_size())
-      throw ConfigError((s.folder.root() / taken.file).string(), "",
-                        fmt::format("found {} x {} px, allowed: {} x {} px, the size the camera was calibrated at. "
-                                    "Calibrate again at this size.",
-                                    image.width, image.height, s.calibration.irt.image_size().width,
-                                    s.calibration.irt.image_size().height));
+      throw ConfigError(
+          (s.folder.root() / taken.file).string(), "",
+          fmt::format(
+              "found {} x {} px, allowed: {} x {} px, the size the camera was calibrated at. "
+              "Calibrate again at this size.",
+              image.width, image.height, s.calibration.irt.image_size().width,
+              s.calibration.irt.image_size().height));
     for (const Spot& spot : find_spots(image).spots) centres.push_back(spot.centre_px);
   } else if (taken.spots) {
     for (const TakenSpot& spot : *taken.spots) centres.emplace_back(spot.u_px, spot.v_px);
@@ -61,8 +64,8 @@ std::vector<Vector2d> spot_centres(const TakenImage& taken, const Setting& s) {
 }
 
 /// Spot of every LED, averaged over the images of the pose in which all were matched.
-std::optional<std::vector<Vector2d>> matched_points(const TakenPose& pose, const Setting& s, EvaluatedPose& out,
-                                                    std::string& status) {
+std::optional<std::vector<Vector2d>> matched_points(const TakenPose& pose, const Setting& s,
+                                                    EvaluatedPose& out, std::string& status) {
   const Matrix3d R = s.gimbal.rotation(pose.angles());
   const Vector3d origin = s.gimbal.centre_mm(pose.stage.position) + R * s.rig.target.offset_mm;
   std::vector<Vector3d> predicted;
@@ -78,7 +81,8 @@ std::optional<std::vector<Vector2d>> matched_points(const TakenPose& pose, const
     const Match match = match_to_prediction(predicted, rays, s.calibration.irt.planes(), s.gate_mm);
     status = match_status_name(match.status);
     if (match.status != MatchStatus::kMatched) continue;
-    for (std::size_t i = 0; i < sum.size(); ++i) sum[i] += centres[static_cast<std::size_t>(match.ray_of_point[i])];
+    for (std::size_t i = 0; i < sum.size(); ++i)
+      sum[i] += centres[static_cast<std::size_t>(match.ray_of_point[i])];
     ++used;
   }
   if (used == 0) return std::nullopt;
@@ -100,12 +104,15 @@ Attitude solve(const Solver& solver, const std::vector<Vector2d>& points_px, con
   std::array<Vector2d, kMaxTargetPoints> normalised;
   const PinholeModel* pinhole = nullptr;
   if (solver.sight == Sight::kRays) {
-    for (std::size_t i = 0; i < points_px.size(); ++i) rays[i] = s.calibration.irt.ray(points_px[i]);
+    for (std::size_t i = 0; i < points_px.size(); ++i)
+      rays[i] = s.calibration.irt.ray(points_px[i]);
     observation.rays = std::span(rays).first(points_px.size());
     observation.planes = s.calibration.irt.planes();
   } else {
-    pinhole = solver.sight == Sight::kPinholeRaw ? &*s.calibration.pinhole : &*s.calibration.pinhole_distorted;
-    for (std::size_t i = 0; i < points_px.size(); ++i) normalised[i] = pinhole->normalise(points_px[i]);
+    pinhole = solver.sight == Sight::kPinholeRaw ? &*s.calibration.pinhole
+                                                 : &*s.calibration.pinhole_distorted;
+    for (std::size_t i = 0; i < points_px.size(); ++i)
+      normalised[i] = pinhole->normalise(points_px[i]);
     observation.normalised = std::span(normalised).first(points_px.size());
   }
   const Solution solution = solver(s.target, observation);
@@ -120,14 +127,18 @@ Attitude solve(const Solver& solver, const std::vector<Vector2d>& points_px, con
 
 bool can_serve(const Calibration& c, const Solver& solver) {
   switch (solver.sight) {
-    case Sight::kRays: return true;
-    case Sight::kPinholeRaw: return c.pinhole.has_value();
-    case Sight::kPinholeUndistorted: return c.pinhole_distorted.has_value();
+    case Sight::kRays:
+      return true;
+    case Sight::kPinholeRaw:
+      return c.pinhole.has_value();
+    case Sight::kPinholeUndistorted:
+      return c.pinhole_distorted.has_value();
   }
   return false;
 }
 
-std::vector<const Solver*> chosen_solvers(const Calibration& calibration, const EvaluateOptions& options) {
+std::vector<const Solver*> chosen_solvers(const Calibration& calibration,
+                                          const EvaluateOptions& options) {
   std::vector<const Solver*> chosen = options.solvers;
   if (chosen.empty()) {
     for (const Solver& solver : kSolvers)
@@ -136,10 +147,12 @@ std::vector<const Solver*> chosen_solvers(const Calibration& calibration, const 
   }
   for (const Solver* solver : chosen)
     if (!can_serve(calibration, *solver))
-      throw ConfigError(calibration.source, "",
-                        fmt::format("solver {} needs a pinhole calibration, which this camera file does not have. "
-                                    "Choose a ray solver or calibrate with tilted views.",
-                                    solver->name));
+      throw ConfigError(
+          calibration.source, "",
+          fmt::format(
+              "solver {} needs a pinhole calibration, which this camera file does not have. "
+              "Choose a ray solver or calibrate with tilted views.",
+              solver->name));
   return chosen;
 }
 
@@ -210,12 +223,12 @@ Evaluation evaluate(const RunRecord& record, const RunFolder& folder, const RigF
       result.iterations = attitude.iterations;
       result.residual = attitude.residual;
       if (attitude.R_plane_from_target) {
-        const bool referenced =
-            initial != reference.end() && attitudes[initial->second][k].R_plane_from_target.has_value();
+        const bool referenced = initial != reference.end() &&
+                                attitudes[initial->second][k].R_plane_from_target.has_value();
         if (referenced) {
           const TakenPose& at_start = *taken[initial->second];
-          const Matrix3d R_measured = relative_attitude(*attitude.R_plane_from_target,
-                                                        *attitudes[initial->second][k].R_plane_from_target);
+          const Matrix3d R_measured = relative_attitude(
+              *attitude.R_plane_from_target, *attitudes[initial->second][k].R_plane_from_target);
           const Matrix3d R_true = relative_attitude(setting.gimbal.rotation(taken[i]->angles()),
                                                     setting.gimbal.rotation(at_start.angles()));
           result.measured = true;
@@ -263,22 +276,48 @@ std::size_t failed_results(const Evaluation& evaluation) {
   return failed;
 }
 
-void write_poses_csv(const Evaluation& evaluation, const Plan& plan, const std::filesystem::path& file) {
-  Csv csv({"index", "id", "scenario", "repeat", "point", "role", "solver", "status", "measured", "in_domain",
-           "missed", "spots", "stage_mm", "turntable_yaw_deg", "turntable_roll_deg", "turntable_pitch_deg",
-           "measured_yaw_deg", "measured_roll_deg", "measured_pitch_deg", "error_yaw_deg", "error_roll_deg",
-           "error_pitch_deg", "error_geodesic_deg", "iterations", "residual", "residual_unit"});
+void write_poses_csv(const Evaluation& evaluation, const Plan& plan,
+                     const std::filesystem::path& file) {
+  Csv csv({"index",
+           "id",
+           "scenario",
+           "repeat",
+           "point",
+           "role",
+           "solver",
+           "status",
+           "measured",
+           "in_domain",
+           "missed",
+           "spots",
+           "stage_mm",
+           "turntable_yaw_deg",
+           "turntable_roll_deg",
+           "turntable_pitch_deg",
+           "measured_yaw_deg",
+           "measured_roll_deg",
+           "measured_pitch_deg",
+           "error_yaw_deg",
+           "error_roll_deg",
+           "error_pitch_deg",
+           "error_geodesic_deg",
+           "iterations",
+           "residual",
+           "residual_unit"});
   constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
   for (const EvaluatedPose& pose : evaluation.poses)
     for (const PoseResult& r : pose.results) {
       const auto if_taken = [&](double x) { return pose.taken ? x : kNone; };
       const auto if_measured = [&](double x) { return r.measured ? x : kNone; };
       csv.integer(static_cast<std::int64_t>(pose.planned.index)).text(pose.planned.id);
-      csv.text(plan.scenario_of(pose.planned).name).integer(pose.planned.repeat).integer(pose.planned.point);
+      csv.text(plan.scenario_of(pose.planned).name)
+          .integer(pose.planned.repeat)
+          .integer(pose.planned.point);
       csv.text(role_name(pose.planned.role)).text(r.solver->name).text(r.status);
       csv.integer(r.measured).integer(pose.in_domain).integer(pose.missed).integer(pose.spots);
       csv.number(if_taken(pose.stage_mm), 5).number(if_taken(pose.read_back_deg.yaw), 5);
-      csv.number(if_taken(pose.read_back_deg.roll), 5).number(if_taken(pose.read_back_deg.pitch), 5);
+      csv.number(if_taken(pose.read_back_deg.roll), 5)
+          .number(if_taken(pose.read_back_deg.pitch), 5);
       csv.number(if_measured(r.angles_deg.yaw), 6).number(if_measured(r.angles_deg.roll), 6);
       csv.number(if_measured(r.angles_deg.pitch), 6);
       csv.number(if_measured(r.error.yaw_deg), 6).number(if_measured(r.error.roll_deg), 6);

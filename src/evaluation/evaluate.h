@@ -1,5 +1,6 @@
-// From the images of attitude scenarios to errors against the turntable, level "as published": the gimbal's axes are
-// taken as parallel to the plane frame, and attitudes as relative to the initial pose of their repeat.
+// From the images of attitude scenarios to errors against the turntable, level "as published": the
+// gimbal's axes are taken as parallel to the plane frame, and attitudes as relative to the initial
+// pose of their repeat.
 #pragma once
 
 #include <functional>
@@ -22,14 +23,16 @@ enum class SpotSource {
 struct EvaluateOptions {
   std::vector<const Solver*> solvers;  ///< empty = all that the calibration can serve
   SpotSource spots = SpotSource::kImages;
-  std::function<void(std::size_t done, std::size_t total)> progress;  ///< poses; called from several threads
+  std::function<void(std::size_t done, std::size_t total)>
+      progress;  ///< poses; called from several threads
 };
 
-/// One pose as one solver sees it. Angles are relative to the initial pose, in the gimbal's order, deg.
+/// One pose as one solver sees it. Angles are relative to the initial pose, in the gimbal's order,
+/// deg.
 struct PoseResult {
   const Solver* solver = nullptr;
-  bool measured = false;    ///< has an attitude, and so has the initial pose
-  std::string status;       ///< "converged", or what went wrong
+  bool measured = false;  ///< has an attitude, and so has the initial pose
+  std::string status;     ///< "converged", or what went wrong
   int iterations = 0;
   double residual = 0.0;    ///< mm for ray solvers, px for pinhole solvers
   GimbalAngles angles_deg;  ///< measured
@@ -39,26 +42,28 @@ struct PoseResult {
 struct EvaluatedPose {
   PlannedPose planned;
   bool taken = false;
-  bool missed = false;                ///< an axis did not reach its target; the truth is its read-back
-  double stage_mm = 0.0;              ///< read back
+  bool missed = false;    ///< an axis did not reach its target; the truth is its read-back
+  double stage_mm = 0.0;  ///< read back
   GimbalAngles read_back_deg;
-  int spots = 0;                      ///< found in the first image
-  bool in_domain = false;             ///< every matched spot lies inside the calibrated area
-  std::vector<PoseResult> results;    ///< one per solver, in the table's order
-  std::vector<Vector2d> points_px;    ///< matched spots in the target's order; empty if not matched
+  int spots = 0;                    ///< found in the first image
+  bool in_domain = false;           ///< every matched spot lies inside the calibrated area
+  std::vector<PoseResult> results;  ///< one per solver, in the table's order
+  std::vector<Vector2d> points_px;  ///< matched spots in the target's order; empty if not matched
 };
 
 struct Evaluation {
   std::vector<const Solver*> solvers;
-  std::vector<EvaluatedPose> poses;  ///< every planned attitude pose, in the plan's order, taken or not
+  std::vector<EvaluatedPose>
+      poses;  ///< every planned attitude pose, in the plan's order, taken or not
 };
 
-/// @throws ConfigError: images of another size than the calibration's, damaged images, a solver that needs a pinhole
-/// calibration where there is none.
+/// @throws ConfigError: images of another size than the calibration's, damaged images, a solver
+/// that needs a pinhole calibration where there is none.
 Evaluation evaluate(const RunRecord& record, const RunFolder& folder, const RigFile& rig,
                     const Calibration& calibration, const EvaluateOptions& options = {});
 
-/// Statistics of one scenario, repeat and solver. The initial pose is not counted: its error is zero by definition.
+/// Statistics of one scenario, repeat and solver. The initial pose is not counted: its error is
+/// zero by definition.
 struct RepeatStatistics {
   std::size_t scenario = 0;
   int repeat = 1;
@@ -72,6 +77,7 @@ std::vector<RepeatStatistics> repeat_statistics(const Evaluation& evaluation);
 std::size_t failed_results(const Evaluation& evaluation);
 
 /// One row per pose and solver, units in the header. @throws RecordError.
-void write_poses_csv(const Evaluation& evaluation, const Plan& plan, const std::filesystem::path& file);
+void write_poses_csv(const Evaluation& evaluation, const Plan& plan,
+                     const std::filesystem::path& file);
 
 }  // namespace turntable

@@ -89,15 +89,18 @@ Calibration parse_calibration(const std::string& text, const std::string& name) 
   const ImageSize size{json.at("image_size_px").at(0), json.at("image_size_px").at(1)};
   const RayPlanes planes{irt.at("plane_a_mm"), irt.at("plane_b_mm")};
   if (!(planes.a_mm < planes.b_mm))
-    throw ConfigError(name, "/irt/plane_b_mm",
-                      fmt::format("found {} mm, allowed: above plane_a_mm ({} mm).", planes.b_mm, planes.a_mm));
+    throw ConfigError(
+        name, "/irt/plane_b_mm",
+        fmt::format("found {} mm, allowed: above plane_a_mm ({} mm).", planes.b_mm, planes.a_mm));
 
   const int order = irt.at("order");
   const auto terms = IrtModel::terms(order);
-  Eigen::MatrixX4d coefficients = Eigen::MatrixX4d::Zero(static_cast<Eigen::Index>(terms.size()), 4);
+  Eigen::MatrixX4d coefficients =
+      Eigen::MatrixX4d::Zero(static_cast<Eigen::Index>(terms.size()), 4);
   if (irt.at("terms").size() != terms.size())
-    throw ConfigError(name, "/irt/terms", fmt::format("found {} terms, allowed: {} for order {}.",
-                                                      irt.at("terms").size(), terms.size(), order));
+    throw ConfigError(name, "/irt/terms",
+                      fmt::format("found {} terms, allowed: {} for order {}.",
+                                  irt.at("terms").size(), terms.size(), order));
   std::vector<bool> seen(terms.size(), false);
   for (std::size_t k = 0; k < 4; ++k)
     if (irt.at(kColumns[k]).size() != terms.size())
@@ -109,22 +112,28 @@ Calibration parse_calibration(const std::string& text, const std::string& name) 
     const auto row = static_cast<std::size_t>(std::ranges::find(terms, term) - terms.begin());
     if (row == terms.size() || seen[row])
       throw ConfigError(name, fmt::format("/irt/terms/{}", i),
-                        fmt::format("found [{}, {}], allowed: each [r, s] with r + s <= {} once.", term.first,
-                                    term.second, order));
+                        fmt::format("found [{}, {}], allowed: each [r, s] with r + s <= {} once.",
+                                    term.first, term.second, order));
     seen[row] = true;
     for (std::size_t k = 0; k < 4; ++k)
-      coefficients(static_cast<Eigen::Index>(row), static_cast<Eigen::Index>(k)) = irt.at(kColumns[k]).at(i);
+      coefficients(static_cast<Eigen::Index>(row), static_cast<Eigen::Index>(k)) =
+          irt.at(kColumns[k]).at(i);
   }
   std::vector<Vector2d> hull;
   if (irt.contains("domain_px"))
     for (const Json& p : irt.at("domain_px")) hull.push_back(pair(p));
   else
-    hull = {{0, 0}, {size.width - 1.0, 0}, {size.width - 1.0, size.height - 1.0}, {0, size.height - 1.0}};
+    hull = {{0, 0},
+            {size.width - 1.0, 0},
+            {size.width - 1.0, size.height - 1.0},
+            {0, size.height - 1.0}};
 
-  const VDirection v = irt.value("v_direction", "down") == std::string("up") ? VDirection::kUp : VDirection::kDown;
+  const VDirection v =
+      irt.value("v_direction", "down") == std::string("up") ? VDirection::kUp : VDirection::kDown;
   const bool monomial = irt.at("basis") == "monomial";
   if (v == VDirection::kUp && !monomial)
-    throw ConfigError(name, "/irt/v_direction", "found \"up\", allowed: only with \"basis\": \"monomial\".");
+    throw ConfigError(name, "/irt/v_direction",
+                      "found \"up\", allowed: only with \"basis\": \"monomial\".");
   c.irt = monomial ? IrtModel::from_monomials(size, planes, order, coefficients, v, hull)
                    : IrtModel(size, planes, order, coefficients, hull);
   check_handedness(c.irt, name);
@@ -132,7 +141,8 @@ Calibration parse_calibration(const std::string& text, const std::string& name) 
   c.sigma_mm = irt.value("sigma_mm", 0.0);
   c.points = irt.value("points", 0);
   for (const Json& p : irt.value("planes", Json::array()))
-    c.planes.push_back({p.at("z_mm"), p.at("fitted"), p.at("points"), p.at("rms_mm"), p.at("max_mm")});
+    c.planes.push_back(
+        {p.at("z_mm"), p.at("fitted"), p.at("points"), p.at("rms_mm"), p.at("max_mm")});
   for (const Json& p : irt.value("outliers", Json::array())) {
     PlanePoint point;
     point.z_mm = p.at("z_mm");
@@ -142,7 +152,8 @@ Calibration parse_calibration(const std::string& text, const std::string& name) 
     c.outliers.push_back(point);
   }
   if (json.contains("pinhole")) c.pinhole = pinhole_from(json.at("pinhole"));
-  if (json.contains("pinhole_distorted")) c.pinhole_distorted = pinhole_from(json.at("pinhole_distorted"));
+  if (json.contains("pinhole_distorted"))
+    c.pinhole_distorted = pinhole_from(json.at("pinhole_distorted"));
   return c;
 }
 

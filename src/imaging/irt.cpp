@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <Eigen/QR>
 #include <algorithm>
@@ -15,14 +14,16 @@ namespace {
 
 constexpr int kMaxOrder = 12;
 constexpr double kOutlierSigmas = 6.0;
-/// A circle this near is neither a wrong match nor smeared; where noise is lower still, the model's own error shows.
+/// A circle this near is neither a wrong match nor smeared; where noise is lower still, the model's
+/// own error shows.
 constexpr double kNeverOutlierPx = 0.1;
 
 /// P_0..P_order at t.
 void legendre(double t, int order, double* out) {
   out[0] = 1.0;
   if (order >= 1) out[1] = t;
-  for (int k = 1; k < order; ++k) out[k + 1] = ((2 * k + 1) * t * out[k] - k * out[k - 1]) / (k + 1);
+  for (int k = 1; k < order; ++k)
+    out[k + 1] = ((2 * k + 1) * t * out[k] - k * out[k - 1]) / (k + 1);
 }
 
 /// Pixel to [-1, 1].
@@ -44,11 +45,13 @@ Eigen::MatrixXd binomials(int order, double offset, double scale) {
   Eigen::MatrixXd B = Eigen::MatrixXd::Zero(order + 1, order + 1);
   B(0, 0) = 1.0;
   for (int n = 1; n <= order; ++n)
-    for (int p = 0; p <= n; ++p) B(n, p) = offset * B(n - 1, p) + (p > 0 ? scale * B(n - 1, p - 1) : 0.0);
+    for (int p = 0; p <= n; ++p)
+      B(n, p) = offset * B(n - 1, p) + (p > 0 ? scale * B(n - 1, p - 1) : 0.0);
   return B;
 }
 
-/// Rewrites sum c_rs f_r(u) f_s(v) in other functions:  f_r = sum_p U(r, p) g_p  and likewise V for v.
+/// Rewrites sum c_rs f_r(u) f_s(v) in other functions:  f_r = sum_p U(r, p) g_p  and likewise V for
+/// v.
 Eigen::MatrixX4d change_basis(const Eigen::MatrixX4d& c, int order, const Eigen::MatrixXd& U,
                               const Eigen::MatrixXd& V) {
   const auto terms = IrtModel::terms(order);
@@ -58,7 +61,8 @@ Eigen::MatrixX4d change_basis(const Eigen::MatrixX4d& c, int order, const Eigen:
       const auto [r, s] = terms[i];
       const auto [p, q] = terms[j];
       if (p <= r && q <= s)
-        out.row(static_cast<Eigen::Index>(j)) += U(r, p) * V(s, q) * c.row(static_cast<Eigen::Index>(i));
+        out.row(static_cast<Eigen::Index>(j)) +=
+            U(r, p) * V(s, q) * c.row(static_cast<Eigen::Index>(i));
     }
   return out;
 }
@@ -86,7 +90,8 @@ std::vector<Vector2d> convex_hull(std::vector<Vector2d> p) {
   for (int pass = 0; pass < 2; ++pass) {
     const std::size_t start = hull.size();
     for (const Vector2d& q : p) {
-      while (hull.size() >= start + 2 && cross(hull[hull.size() - 2], hull.back(), q) <= 0) hull.pop_back();
+      while (hull.size() >= start + 2 && cross(hull[hull.size() - 2], hull.back(), q) <= 0)
+        hull.pop_back();
       hull.push_back(q);
     }
     hull.pop_back();
@@ -147,14 +152,19 @@ Eigen::MatrixX4d IrtModel::monomials(VDirection v) const {
   return change_basis(coefficients_, order_, U, V);
 }
 
-IrtModel IrtModel::from_monomials(ImageSize size, RayPlanes planes, int order, const Eigen::MatrixX4d& monomials,
-                                  VDirection v, std::vector<Vector2d> domain_hull_px) {
-  // u = (w - 1) (1 + t) / 2; the powers of t then go to Legendre polynomials by a triangular system.
+IrtModel IrtModel::from_monomials(ImageSize size, RayPlanes planes, int order,
+                                  const Eigen::MatrixX4d& monomials, VDirection v,
+                                  std::vector<Vector2d> domain_hull_px) {
+  // u = (w - 1) (1 + t) / 2; the powers of t then go to Legendre polynomials by a triangular
+  // system.
   const double hu = 0.5 * (size.width - 1), hv = 0.5 * (size.height - 1);
-  const Eigen::MatrixXd P = legendre_in_powers(order).inverse();
+  const Eigen::MatrixXd P = legendre_in_powers(order).triangularView<Eigen::Lower>().solve(
+      Eigen::MatrixXd::Identity(order + 1, order + 1));
   const Eigen::MatrixXd U = binomials(order, hu, hu) * P;
-  const Eigen::MatrixXd V = (v == VDirection::kDown ? binomials(order, hv, hv) : binomials(order, hv, -hv)) * P;
-  return IrtModel(size, planes, order, change_basis(monomials, order, U, V), std::move(domain_hull_px));
+  const Eigen::MatrixXd V =
+      (v == VDirection::kDown ? binomials(order, hv, hv) : binomials(order, hv, -hv)) * P;
+  return IrtModel(size, planes, order, change_basis(monomials, order, U, V),
+                  std::move(domain_hull_px));
 }
 
 std::vector<Vector2d> IrtModel::grid() const {
@@ -162,7 +172,8 @@ std::vector<Vector2d> IrtModel::grid() const {
   constexpr int kSteps = 21;
   for (int i = 0; i < kSteps; ++i)
     for (int j = 0; j < kSteps; ++j) {
-      const Vector2d pixel(i * (size_.width - 1.0) / (kSteps - 1), j * (size_.height - 1.0) / (kSteps - 1));
+      const Vector2d pixel(i * (size_.width - 1.0) / (kSteps - 1),
+                           j * (size_.height - 1.0) / (kSteps - 1));
       if (in_domain(pixel)) out.push_back(pixel);
     }
   return out;
@@ -173,8 +184,9 @@ std::pair<double, double> IrtModel::jacobian_range() const {
   for (const Vector2d& p : grid()) {
     const Ray u0 = ray(p - Vector2d(0.5, 0)), u1 = ray(p + Vector2d(0.5, 0));
     const Ray v0 = ray(p - Vector2d(0, 0.5)), v1 = ray(p + Vector2d(0, 0.5));
-    for (const auto& [du, dv] : {std::pair<Vector2d, Vector2d>(u1.at_a - u0.at_a, v1.at_a - v0.at_a),
-                                 std::pair<Vector2d, Vector2d>(u1.at_b - u0.at_b, v1.at_b - v0.at_b)}) {
+    for (const auto& [du, dv] :
+         {std::pair<Vector2d, Vector2d>(u1.at_a - u0.at_a, v1.at_a - v0.at_a),
+          std::pair<Vector2d, Vector2d>(u1.at_b - u0.at_b, v1.at_b - v0.at_b)}) {
       const double det = du.x() * dv.y() - du.y() * dv.x();
       low = std::min(low, det);
       high = std::max(high, det);
@@ -197,7 +209,7 @@ std::pair<Vector3d, double> IrtModel::bundle_centre() const {
     A += projector(r);
     b += projector(r) * Vector3d(r.at_a.x(), r.at_a.y(), planes_.a_mm);
   }
-  const Vector3d centre = A.ldlt().solve(b);
+  const Vector3d centre = A.inverse() * b;
   double sum = 0.0;
   for (const Vector2d& p : pixels) sum += std::pow(distance_mm(centre, ray(p), planes_), 2);
   return {centre, std::sqrt(sum / static_cast<double>(std::max<std::size_t>(1, pixels.size())))};
@@ -207,18 +219,21 @@ void check_handedness(const IrtModel& model, const std::string& name) {
   const auto [low, high] = model.jacobian_range();
   if (!(low <= high)) throw ConfigError(name, "", "the calibration covers no part of the image.");
   if (low > 0.0)
+    throw ConfigError(name, "",
+                      fmt::format("the calibration is left-handed: det d(x,y)/d(u,v) = "
+                                  "{:.3g}..{:.3g} mm^2/px^2, allowed: < 0 "
+                                  "(y up, z towards the camera, v down the image). Attitudes would "
+                                  "come out mirrored. If the "
+                                  "coefficients count v upwards, state \"v_direction\": \"up\"; if "
+                                  "the pattern's y runs down, "
+                                  "correct its direction circles in the rig file.",
+                                  low, high));
+  if (high >= 0.0)
     throw ConfigError(
         name, "",
-        fmt::format("the calibration is left-handed: det d(x,y)/d(u,v) = {:.3g}..{:.3g} mm^2/px^2, allowed: < 0 "
-                    "(y up, z towards the camera, v down the image). Attitudes would come out mirrored. If the "
-                    "coefficients count v upwards, state \"v_direction\": \"up\"; if the pattern's y runs down, "
-                    "correct its direction circles in the rig file.",
+        fmt::format("the map from pixel to plane folds over: det d(x,y)/d(u,v) = {:.3g}..{:.3g} "
+                    "mm^2/px^2 changes its sign. Lower the order or add points.",
                     low, high));
-  if (high >= 0.0)
-    throw ConfigError(name, "",
-                      fmt::format("the map from pixel to plane folds over: det d(x,y)/d(u,v) = {:.3g}..{:.3g} "
-                                  "mm^2/px^2 changes its sign. Lower the order or add points.",
-                                  low, high));
 }
 
 Vector2d residual_mm(const IrtModel& model, const PlanePoint& point) {
@@ -226,10 +241,12 @@ Vector2d residual_mm(const IrtModel& model, const PlanePoint& point) {
 }
 
 IrtFit fit_irt(std::span<const PlanePoint> points, RayPlanes planes, int order, ImageSize size) {
-  if (order < 1 || order > 9) throw Error(fmt::format("polynomial order: found {}, allowed: 1 to 9.", order));
+  if (order < 1 || order > 9)
+    throw Error(fmt::format("polynomial order: found {}, allowed: 1 to 9.", order));
   if (!(planes.a_mm < planes.b_mm))
-    throw Error(fmt::format("planes at {} mm and {} mm: two different heights are needed, the lower first.",
-                            planes.a_mm, planes.b_mm));
+    throw Error(
+        fmt::format("planes at {} mm and {} mm: two different heights are needed, the lower first.",
+                    planes.a_mm, planes.b_mm));
   const Eigen::Index terms = (order + 1) * (order + 2) / 2;
   std::vector<bool> use(points.size(), true);
 
@@ -239,9 +256,10 @@ IrtFit fit_irt(std::span<const PlanePoint> points, RayPlanes planes, int order, 
     if (static_cast<double>(used) < 3.0 * static_cast<double>(terms)) {
       int carried = 0;
       while (3 * (carried + 2) * (carried + 3) / 2 <= used) ++carried;
-      throw Error(fmt::format("order {} needs at least {} points on the two planes, found {}; they carry order {} "
-                              "at most. Show more of the pattern or lower the order.",
-                              order, 3 * terms, used, carried));
+      throw Error(fmt::format(
+          "order {} needs at least {} points on the two planes, found {}; they carry order {} "
+          "at most. Show more of the pattern or lower the order.",
+          order, 3 * terms, used, carried));
     }
     Eigen::MatrixXd A(used, 2 * terms);
     Eigen::MatrixX2d rhs(used, 2);
@@ -255,9 +273,10 @@ IrtFit fit_irt(std::span<const PlanePoint> points, RayPlanes planes, int order, 
     }
     const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(A);
     if (qr.rank() < 2 * terms)
-      throw Error(fmt::format("the points do not determine a model of order {} (rank {} of {}): they cover too "
-                              "narrow a strip, or one plane only. Lower the order or show more of the pattern.",
-                              order, qr.rank(), 2 * terms));
+      throw Error(fmt::format(
+          "the points do not determine a model of order {} (rank {} of {}): they cover too "
+          "narrow a strip, or one plane only. Lower the order or show more of the pattern.",
+          order, qr.rank(), 2 * terms));
     const Eigen::MatrixX2d solution = qr.solve(rhs);
     Eigen::MatrixX4d c(terms, 4);
     c << solution.topRows(terms), solution.bottomRows(terms);
@@ -266,16 +285,19 @@ IrtFit fit_irt(std::span<const PlanePoint> points, RayPlanes planes, int order, 
       if (use[i]) pixels.push_back(points[i].pixel_px);
     fit.model = IrtModel(size, planes, order, c, convex_hull(pixels));
     fit.points = static_cast<int>(used);
-    fit.sigma_mm = (A * solution - rhs).norm() /
-                   std::sqrt(2.0 * static_cast<double>(std::max<Eigen::Index>(1, used - 2 * terms)));
+    fit.sigma_mm =
+        (A * solution - rhs).norm() /
+        std::sqrt(2.0 * static_cast<double>(std::max<Eigen::Index>(1, used - 2 * terms)));
 
     std::vector<double> misses;
     for (std::size_t i = 0; i < points.size(); ++i)
       if (use[i]) misses.push_back(residual_mm(fit.model, points[i]).norm());
     // The median length of a two-dimensional normal error is 1.1774 standard deviations.
     const Vector2d middle(0.5 * size.width, 0.5 * size.height);
-    const double mm_per_px = (fit.model.ray(middle + Vector2d(1, 0)).at_a - fit.model.ray(middle).at_a).norm();
-    const double limit = std::max(kOutlierSigmas * median(misses) / 1.1774, kNeverOutlierPx * mm_per_px);
+    const double mm_per_px =
+        (fit.model.ray(middle + Vector2d(1, 0)).at_a - fit.model.ray(middle).at_a).norm();
+    const double limit =
+        std::max(kOutlierSigmas * median(misses) / 1.1774, kNeverOutlierPx * mm_per_px);
     // One at a time: an outlier pulls the fit away from its neighbours, which are innocent.
     std::size_t worst = points.size();
     double worst_miss = limit;
@@ -290,9 +312,10 @@ IrtFit fit_irt(std::span<const PlanePoint> points, RayPlanes planes, int order, 
     use[worst] = false;
     fit.outliers.push_back(points[worst]);
     if (fit.outliers.size() * 10 > points.size())
-      throw Error(fmt::format("{} of {} points do not fit a model of order {}: not an outlier problem. Look at the "
-                              "images and at the plane positions.",
-                              fit.outliers.size(), points.size(), order));
+      throw Error(fmt::format(
+          "{} of {} points do not fit a model of order {}: not an outlier problem. Look at the "
+          "images and at the plane positions.",
+          fit.outliers.size(), points.size(), order));
   }
 }
 

@@ -19,11 +19,13 @@ const Json& tables() {
 
 PublishedTable read(const Json& t) {
   PublishedTable table{t.at("title"), {}};
-  for (const auto& [key, method] : {std::pair("POSIT", "POSIT"), std::pair("IRT_AOPIT", "IRT-AOPIT")})
+  for (const auto& [key, method] :
+       {std::pair("POSIT", "POSIT"), std::pair("IRT_AOPIT", "IRT-AOPIT")})
     for (int repeat = 1; const Json& r : t.at(key)) {
       const Json &max = r.at("max_error_deg"), &rmse = r.at("rmse_deg");
-      table.rows.push_back({method, repeat++, max.at("pitch"), max.at("roll"), max.at("yaw"), rmse.at("pitch"),
-                            rmse.at("roll"), rmse.at("yaw"), r.at("total_rmse_deg")});
+      table.rows.push_back({method, repeat++, max.at("pitch"), max.at("roll"), max.at("yaw"),
+                            rmse.at("pitch"), rmse.at("roll"), rmse.at("yaw"),
+                            r.at("total_rmse_deg")});
     }
   return table;
 }
@@ -61,9 +63,10 @@ const PublishedCoefficients& published_coefficients() {
 const std::map<int, double>& published_plane_residuals_mm() {
   static const std::map<int, double> published = [] {
     const Json& f = tables().at("figure10_max_projection_error_mm");
-    return std::map<int, double>{{0, f.at("base")},
-                                 {static_cast<int>(published_coefficients().plane_a_mm), f.at("plane_a")},
-                                 {static_cast<int>(published_coefficients().plane_b_mm), f.at("plane_b")}};
+    return std::map<int, double>{
+        {0, f.at("base")},
+        {static_cast<int>(published_coefficients().plane_a_mm), f.at("plane_a")},
+        {static_cast<int>(published_coefficients().plane_b_mm), f.at("plane_b")}};
   }();
   return published;
 }

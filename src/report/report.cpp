@@ -14,7 +14,9 @@
 namespace turntable {
 namespace {
 
-std::string vector_text(const Vector3d& v) { return fmt::format("({:g}, {:g}, {:g})", v.x(), v.y(), v.z()); }
+std::string vector_text(const Vector3d& v) {
+  return fmt::format("({:g}, {:g}, {:g})", v.x(), v.y(), v.z());
+}
 
 /// Everything that is wrong with the simulated rig on purpose, line by line.
 std::string simulation_budget(const RigFile& rig) {
@@ -23,61 +25,74 @@ std::string simulation_budget(const RigFile& rig) {
   const auto row = [&](const std::string& what, const std::string& amount) {
     md += fmt::format("| {} | {} |\n", what, amount);
   };
-  row("lens", fmt::format("focal length {:g} px, principal point ({:g}, {:g}) px, radial {:g} {:g} {:g}, decentring "
-                          "{:g} {:g}, sensor tilt ({:g}, {:g}) deg, pupil walk {:g} mm/rad^2",
-                          s.lens.focal_px, s.lens.principal_point_px.x(), s.lens.principal_point_px.y(),
-                          s.lens.radial[0], s.lens.radial[1], s.lens.radial[2], s.lens.decentring[0],
-                          s.lens.decentring[1], s.lens.sensor_tilt_deg.x(), s.lens.sensor_tilt_deg.y(),
-                          s.lens.pupil_walk_mm_per_rad2));
+  row("lens",
+      fmt::format("focal length {:g} px, principal point ({:g}, {:g}) px, radial {:g} {:g} {:g}, "
+                  "decentring "
+                  "{:g} {:g}, sensor tilt ({:g}, {:g}) deg, pupil walk {:g} mm/rad^2",
+                  s.lens.focal_px, s.lens.principal_point_px.x(), s.lens.principal_point_px.y(),
+                  s.lens.radial[0], s.lens.radial[1], s.lens.radial[2], s.lens.decentring[0],
+                  s.lens.decentring[1], s.lens.sensor_tilt_deg.x(), s.lens.sensor_tilt_deg.y(),
+                  s.lens.pupil_walk_mm_per_rad2));
   row("camera pose", fmt::format("at {} mm, turned by {} deg", vector_text(s.camera_position_mm),
                                  vector_text(s.camera_rotation_deg)));
-  row("image", fmt::format("blur {:g} px, read noise {:g} grey, {}, 8 bit", s.image.blur_px, s.image.read_noise_grey,
-                           s.image.electrons_per_grey > 0
-                               ? fmt::format("shot noise of {:g} electrons per grey", s.image.electrons_per_grey)
-                               : "no shot noise"));
+  row("image",
+      fmt::format(
+          "blur {:g} px, read noise {:g} grey, {}, 8 bit", s.image.blur_px, s.image.read_noise_grey,
+          s.image.electrons_per_grey > 0
+              ? fmt::format("shot noise of {:g} electrons per grey", s.image.electrons_per_grey)
+              : "no shot noise"));
   for (const AxisId id : kAllAxes) {
     const AxisTruth& a = s.axes.at(id);
     const auto unit = axis_unit(id);
     row(fmt::format("{} axis", axis_name(id)),
-        fmt::format("repeatability {:g} {} (2 sigma), lost motion {:g} {}, periodic error {:g} {}", a.repeatability,
-                    unit, a.backlash, unit, a.worm_amplitude, unit));
+        fmt::format("repeatability {:g} {} (2 sigma), lost motion {:g} {}, periodic error {:g} {}",
+                    a.repeatability, unit, a.backlash, unit, a.worm_amplitude, unit));
   }
-  row("stage squareness", fmt::format("({:g}, {:g}) deg", s.stage_squareness_deg.x(), s.stage_squareness_deg.y()));
+  row("stage squareness",
+      fmt::format("({:g}, {:g}) deg", s.stage_squareness_deg.x(), s.stage_squareness_deg.y()));
   row("gimbal against plane frame", vector_text(s.plane_from_gimbal_deg) + " deg");
   row("target on its table",
       fmt::format("turned by {} deg, shifted by {} mm", vector_text(s.table_from_target_deg),
                   vector_text(s.target_offset_error_mm)));
   for (std::size_t i = 0; i < s.target_errors_mm.size(); ++i)
     if (s.target_errors_mm[i].norm() > 0)
-      row(fmt::format("LED M{}", i), vector_text(s.target_errors_mm[i]) + " mm off its drawn place");
+      row(fmt::format("LED M{}", i),
+          vector_text(s.target_errors_mm[i]) + " mm off its drawn place");
   return md;
 }
 
 std::string calibration_text(const Calibration& c) {
   std::string md = fmt::format(
-      "Source: {}{}. Ray model of order {} over planes at {:.3f} and {:.3f} mm, {} points, {} outliers left out.\n\n",
-      c.source, c.simulated ? " (simulated)" : "", c.irt.order(), c.irt.planes().a_mm, c.irt.planes().b_mm, c.points,
-      c.outliers.size());
+      "Source: {}{}. Ray model of order {} over planes at {:.3f} and {:.3f} mm, {} points, {} "
+      "outliers left out.\n\n",
+      c.source, c.simulated ? " (simulated)" : "", c.irt.order(), c.irt.planes().a_mm,
+      c.irt.planes().b_mm, c.points, c.outliers.size());
   if (!c.planes.empty()) {
-    md += "| plane / mm | used for | points | rms / mm | max / mm | published max / mm |\n|--:|---|--:|--:|--:|--:|\n";
+    md +=
+        "| plane / mm | used for | points | rms / mm | max / mm | published max / mm "
+        "|\n|--:|---|--:|--:|--:|--:|\n";
     for (const PlaneResidual& p : c.planes) {
       const auto it = published_plane_residuals_mm().find(static_cast<int>(std::lround(p.z_mm)));
-      const std::string published = it == published_plane_residuals_mm().end() ? "" : fixed(it->second, 3);
-      md += fmt::format("| {:.3f} | {} | {} | {:.4f} | {:.4f} | {} |\n", p.z_mm, p.fitted ? "fit" : "check", p.points,
-                        p.rms_mm, p.max_mm, published);
+      const std::string published =
+          it == published_plane_residuals_mm().end() ? "" : fixed(it->second, 3);
+      md += fmt::format("| {:.3f} | {} | {} | {:.4f} | {:.4f} | {} |\n", p.z_mm,
+                        p.fitted ? "fit" : "check", p.points, p.rms_mm, p.max_mm, published);
     }
     md += "\n";
   }
   const auto [centre, spread] = c.irt.bundle_centre();
   md += fmt::format(
-      "The rays pass nearest to ({:.2f}, {:.2f}, {:.2f}) mm, {:.3f} mm rms apart: that is how central the lens is.\n\n",
+      "The rays pass nearest to ({:.2f}, {:.2f}, {:.2f}) mm, {:.3f} mm rms apart: that is how "
+      "central the lens is.\n\n",
       centre.x(), centre.y(), centre.z(), spread);
   if (c.pinhole && c.pinhole_distorted)
     md += fmt::format(
-        "Pinhole baselines ({} views): without distortion {:.3f} px rms, with distortion {:.4f} px rms.\n\n",
+        "Pinhole baselines ({} views): without distortion {:.3f} px rms, with distortion {:.4f} px "
+        "rms.\n\n",
         c.pinhole->views, c.pinhole->rms_px, c.pinhole_distorted->rms_px);
   for (const PlanePoint& p : c.outliers)
-    md += fmt::format("Outlier: circle ({}, {}) on the plane at {:.3f} mm.\n", p.column, p.row, p.z_mm);
+    md += fmt::format("Outlier: circle ({}, {}) on the plane at {:.3f} mm.\n", p.column, p.row,
+                      p.z_mm);
   return md;
 }
 
@@ -90,14 +105,16 @@ std::string failures_text(const Evaluation& evaluation, const Plan& plan) {
     for (const PoseResult& r : pose.results) {
       ++rows;
       if (!r.measured)
-        ++counts[fmt::format("{}: {} ({})", plan.scenario_of(pose.planned).name, r.status, r.solver->name)];
+        ++counts[fmt::format("{}: {} ({})", plan.scenario_of(pose.planned).name, r.status,
+                             r.solver->name)];
     }
   }
   std::string md;
   if (counts.empty()) md += fmt::format("No failed pose among {} results.\n", rows);
   for (const auto& [what, count] : counts) md += fmt::format("- {} x {}\n", count, what);
   md += fmt::format(
-      "\n{} of {} poses had a spot outside the calibrated area (flagged `in_domain` = 0). {} poses had an axis outside "
+      "\n{} of {} poses had a spot outside the calibrated area (flagged `in_domain` = 0). {} poses "
+      "had an axis outside "
       "its tolerance (flagged `missed`).\n",
       outside, evaluation.poses.size(), missed);
   return md;
@@ -109,7 +126,8 @@ std::string provenance_text(const RunRecord& record) {
   std::string md;
   for (const auto& [key, value] : start.items())
     if (value.is_string() || value.is_number() || value.is_boolean())
-      md += fmt::format("- {}: {}\n", key, value.is_string() ? value.get<std::string>() : value.dump());
+      md += fmt::format("- {}: {}\n", key,
+                        value.is_string() ? value.get<std::string>() : value.dump());
     else if (key == "provenance" || key == "software" || key == "devices")
       md += fmt::format("- {}: `{}`\n", key, value.dump());
   return md;
@@ -117,47 +135,69 @@ std::string provenance_text(const RunRecord& record) {
 
 }  // namespace
 
-std::filesystem::path write_report(const RunFolder& folder, const RunRecord& record, const RigFile& rig,
-                                   const CalibrationResult& calibration, const Evaluation& evaluation) {
+std::filesystem::path write_report(const RunFolder& folder, const RunRecord& record,
+                                   const RigFile& rig, const CalibrationResult& calibration,
+                                   const Evaluation& evaluation) {
   const auto tables = write_tables(folder, record.plan, evaluation, calibration.calibration);
-  const auto figures = write_figures(folder, record, evaluation, calibration.calibration, calibration.points);
+  const auto figures =
+      write_figures(folder, record, evaluation, calibration.calibration, calibration.points);
 
-  std::string md = fmt::format("# {}\n\n", record.plan.title.empty() ? record.plan.name : record.plan.title);
+  std::string md =
+      fmt::format("# {}\n\n", record.plan.title.empty() ? record.plan.name : record.plan.title);
   if (rig.simulated())
-    md += fmt::format("**Simulated.** Rig \"{}\", seed {}. No hardware took part; the section \"Simulated error "
-                      "budget\" lists what is wrong with this rig on purpose.\n\n",
-                      rig.title, rig.simulation->seed);
+    md += fmt::format(
+        "**Simulated.** Rig \"{}\", seed {}. No hardware took part; the section \"Simulated error "
+        "budget\" lists what is wrong with this rig on purpose.\n\n",
+        rig.title, rig.simulation->seed);
   else
     md += fmt::format("Rig \"{}\".\n\n", rig.title);
-  md += fmt::format("{} of {} planned poses were taken{}.\n\n", record.poses.size(), record.plan.poses.size(),
-                    record.complete() ? "" : fmt::format("; the run ended early ({}: {})", record.exit_status, record.reason));
+  md += fmt::format(
+      "{} of {} planned poses were taken{}.\n\n", record.poses.size(), record.plan.poses.size(),
+      record.complete()
+          ? ""
+          : fmt::format("; the run ended early ({}: {})", record.exit_status, record.reason));
 
-  md += "## Errors against the turntable\n\n"
-        "Level \"as published\": the gimbal's axes are taken as parallel to the plane frame, and every attitude is "
-        "relative to the initial pose (all angles zero) of its repeat. The initial pose itself is not counted. The "
-        "noise of that one measurement is in every row of its repeat. The turntable's angles are the controllers' "
-        "pulse counters (open loop): their agreement with a target says nothing about the mechanics.\n\n"
-        "`posit` works on raw pixels of a pinhole without distortion, as the paper's comparison does; "
-        "`posit_undistorted` has the full pinhole calibration. The difference between the two is the camera model's, "
-        "not the solver's. The published rows come from another rig: they are a yardstick, not a competitor.\n\n";
+  md +=
+      "## Errors against the turntable\n\n"
+      "Level \"as published\": the gimbal's axes are taken as parallel to the plane frame, and "
+      "every attitude is "
+      "relative to the initial pose (all angles zero) of its repeat. The initial pose itself is "
+      "not counted. The "
+      "noise of that one measurement is in every row of its repeat. The turntable's angles are the "
+      "controllers' "
+      "pulse counters (open loop): their agreement with a target says nothing about the "
+      "mechanics.\n\n"
+      "`posit` works on raw pixels of a pinhole without distortion, as the paper's comparison "
+      "does; "
+      "`posit_undistorted` has the full pinhole calibration. The difference between the two is the "
+      "camera model's, "
+      "not the solver's. The published rows come from another rig: they are a yardstick, not a "
+      "competitor.\n\n";
   for (const WrittenTable& t : tables)
     if (t.name != "table1") md += fmt::format("### {}\n\n{}\n", t.title, t.markdown);
 
   md += "## Failed poses\n\n" + failures_text(evaluation, record.plan);
   md += "\n## Camera\n\n" + calibration_text(calibration.calibration);
   for (const WrittenTable& t : tables)
-    if (t.name == "table1") md += fmt::format("\n<details><summary>{}</summary>\n\n{}\n</details>\n", t.title, t.markdown);
+    if (t.name == "table1")
+      md +=
+          fmt::format("\n<details><summary>{}</summary>\n\n{}\n</details>\n", t.title, t.markdown);
 
   md += "\n## Figures\n\nThe data of each lie beside it as CSV, with units in the headers.\n\n";
   bool undrawn = false;
   for (const Figure& f : figures) {
     undrawn = undrawn || !f.drawn;
-    md += f.drawn ? fmt::format("![{}](figures/{}.svg)\n\n{} ([data](figures/{}.csv))\n\n", f.caption, f.name, f.caption,
-                                f.name)
-                  : fmt::format("{} ([data](figures/{}.csv), [script](figures/{}.gp))\n\n", f.caption, f.name, f.name);
+    md += f.drawn ? fmt::format("![{}](figures/{}.svg)\n\n{} ([data](figures/{}.csv))\n\n",
+                                f.caption, f.name, f.caption, f.name)
+                  : fmt::format("{} ([data](figures/{}.csv), [script](figures/{}.gp))\n\n",
+                                f.caption, f.name, f.name);
   }
-  if (undrawn) md += "Pictures are missing where gnuplot could not draw them; install gnuplot-nox and run `turntable report` again.\n\n";
-  if (rig.simulation && rig.simulated()) md += "## Simulated error budget\n\n" + simulation_budget(rig) + "\n";
+  if (undrawn)
+    md +=
+        "Pictures are missing where gnuplot could not draw them; install gnuplot-nox and run "
+        "`turntable report` again.\n\n";
+  if (rig.simulation && rig.simulated())
+    md += "## Simulated error budget\n\n" + simulation_budget(rig) + "\n";
   md += "## Provenance\n\n" + provenance_text(record);
   write_atomically(folder.report(), md);
   return folder.report();

@@ -22,8 +22,18 @@ struct Row {
 };
 
 Row published_row(const PublishedRow& p) {
-  return {"published",      p.method,        p.repeat,         p.max_pitch_deg, p.max_roll_deg, p.max_yaw_deg,
-          p.rmse_pitch_deg, p.rmse_roll_deg, p.rmse_yaw_deg, p.rmse_total_deg, {},             {}};
+  return {"published",
+          p.method,
+          p.repeat,
+          p.max_pitch_deg,
+          p.max_roll_deg,
+          p.max_yaw_deg,
+          p.rmse_pitch_deg,
+          p.rmse_roll_deg,
+          p.rmse_yaw_deg,
+          p.rmse_total_deg,
+          {},
+          {}};
 }
 
 Row our_row(const RepeatStatistics& r, int repeat) {
@@ -52,17 +62,19 @@ std::string cell(double value, const std::string& source) {
 
 WrittenTable write(const RunFolder& folder, const std::string& name, const std::string& title,
                    const std::vector<Row>& rows) {
-  Csv csv({"source", "method", "repeat", "max_pitch_deg", "max_roll_deg", "max_yaw_deg", "rmse_pitch_deg",
-           "rmse_roll_deg", "rmse_yaw_deg", "rmse_total_deg", "poses", "failed"});
+  Csv csv({"source", "method", "repeat", "max_pitch_deg", "max_roll_deg", "max_yaw_deg",
+           "rmse_pitch_deg", "rmse_roll_deg", "rmse_yaw_deg", "rmse_total_deg", "poses", "failed"});
   std::string md =
-      "| source | method | repeat | max pitch / deg | max roll / deg | max yaw / deg | RMSE pitch / deg | RMSE roll / "
+      "| source | method | repeat | max pitch / deg | max roll / deg | max yaw / deg | RMSE pitch "
+      "/ deg | RMSE roll / "
       "deg | RMSE yaw / deg | total RMSE / deg | poses | failed |\n"
       "|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n";
   for (const Row& r : rows) {
     const int decimals = r.source == "published" ? 3 : 6;
     csv.text(r.source).text(r.method).integer(r.repeat);
     md += fmt::format("| {} | {} | {} |", r.source, r.method, r.repeat);
-    for (const double v : {r.max_pitch, r.max_roll, r.max_yaw, r.rmse_pitch, r.rmse_roll, r.rmse_yaw, r.rmse_total}) {
+    for (const double v : {r.max_pitch, r.max_roll, r.max_yaw, r.rmse_pitch, r.rmse_roll,
+                           r.rmse_yaw, r.rmse_total}) {
       csv.number(v, decimals);
       md += fmt::format(" {} |", cell(v, r.source));
     }
@@ -87,7 +99,8 @@ WrittenTable write_table1(const RunFolder& folder, const Calibration& calibratio
   const Eigen::MatrixX4d ours = calibration.irt.monomials(VDirection::kUp);
   Csv csv({"source", "r", "s", "C_a_mm", "D_a_mm", "C_b_mm", "D_b_mm"});
   std::string md =
-      "| source | coefficient of u^r v^s | C a / mm | D a / mm | C b / mm | D b / mm |\n|---|---|--:|--:|--:|--:|\n";
+      "| source | coefficient of u^r v^s | C a / mm | D a / mm | C b / mm | D b / mm "
+      "|\n|---|---|--:|--:|--:|--:|\n";
   const auto add = [&](const std::string& source, int order, const Eigen::MatrixX4d& m) {
     const auto terms = IrtModel::terms(order);
     for (Eigen::Index i = 0; i < m.rows(); ++i) {
@@ -105,10 +118,11 @@ WrittenTable write_table1(const RunFolder& folder, const Calibration& calibratio
   add("ours", calibration.irt.order(), ours);
   add("published", published.order, published.monomials);
   const std::string title = fmt::format(
-      "Table 1: coefficients of the two planes (ours: order {}, planes at {:.3f} mm and {:.3f} mm; published: {:.0f} mm "
+      "Table 1: coefficients of the two planes (ours: order {}, planes at {:.3f} mm and {:.3f} mm; "
+      "published: {:.0f} mm "
       "and {:.0f} mm; raw pixels, v counted upward)",
-      calibration.irt.order(), calibration.irt.planes().a_mm, calibration.irt.planes().b_mm, published.plane_a_mm,
-      published.plane_b_mm);
+      calibration.irt.order(), calibration.irt.planes().a_mm, calibration.irt.planes().b_mm,
+      published.plane_a_mm, published.plane_b_mm);
   csv.write(folder.tables() / "table1.csv");
   write_atomically(folder.tables() / "table1.md", fmt::format("# {}\n\n{}", title, md));
   return {"table1", title, md};
@@ -116,19 +130,23 @@ WrittenTable write_table1(const RunFolder& folder, const Calibration& calibratio
 
 }  // namespace
 
-std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan, const Evaluation& evaluation,
+std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan,
+                                       const Evaluation& evaluation,
                                        const Calibration& calibration) {
   std::filesystem::create_directories(folder.tables());
   std::vector<WrittenTable> written{write_table1(folder, calibration)};
 
-  std::map<std::string, std::vector<Row>> ours;        // by table name
+  std::map<std::string, std::vector<Row>> ours;  // by table name
   std::map<std::string, std::string> titles;
-  std::map<std::string, std::map<std::pair<std::size_t, int>, int>> numbers;  // repeats numbered on over scenarios
+  std::map<std::string, std::map<std::pair<std::size_t, int>, int>>
+      numbers;  // repeats numbered on over scenarios
   std::vector<std::string> order{"table3", "table4", "table5"};
   for (const RepeatStatistics& r : repeat_statistics(evaluation)) {
     const ScenarioInfo& scenario = plan.scenarios[r.scenario];
-    const std::string name = scenario.table ? fmt::format("table{}", *scenario.table) : scenario.name;
-    titles[name] = scenario.table ? fmt::format("Table {}: {}", *scenario.table, published_table(*scenario.table).title)
+    const std::string name =
+        scenario.table ? fmt::format("table{}", *scenario.table) : scenario.name;
+    titles[name] = scenario.table ? fmt::format("Table {}: {}", *scenario.table,
+                                                published_table(*scenario.table).title)
                                   : scenario.title;
     auto& numbered = numbers[name];
     const int next = static_cast<int>(numbered.size()) + 1;
@@ -140,7 +158,8 @@ std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan
     if (!ours.contains(name)) continue;
     std::vector<Row> rows;
     if (name.starts_with("table") && name.size() == 6)
-      for (const PublishedRow& p : published_table(name.back() - '0').rows) rows.push_back(published_row(p));
+      for (const PublishedRow& p : published_table(name.back() - '0').rows)
+        rows.push_back(published_row(p));
     // By solver, then repeat, as the paper prints them.
     for (const Solver* solver : evaluation.solvers)
       for (const Row& r : ours[name])

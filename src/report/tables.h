@@ -12,15 +12,17 @@ namespace turntable {
 
 /// A table that was written.
 struct WrittenTable {
-  std::string name;      ///< "table3", or the scenario's name where it belongs to no published table
+  std::string name;  ///< "table3", or the scenario's name where it belongs to no published table
   std::string title;
   std::string markdown;  ///< the table itself
 };
 
-/// Writes tables/<name>.{csv,md}: table1 from the calibration; tables 3-5 as far as the run has scenarios for them, and
-/// one more per scenario that belongs to none. Repeats of several scenarios in one table are numbered on.
+/// Writes tables/<name>.{csv,md}: table1 from the calibration; tables 3-5 as far as the run has
+/// scenarios for them, and one more per scenario that belongs to none. Repeats of several scenarios
+/// in one table are numbered on.
 /// @throws RecordError.
-std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan, const Evaluation& evaluation,
+std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan,
+                                       const Evaluation& evaluation,
                                        const Calibration& calibration);
 
 }  // namespace turntable

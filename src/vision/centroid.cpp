@@ -26,15 +26,18 @@ Ground ground_of(const std::array<int, 256>& histogram, int count) {
     return 255.0;
   };
   // The quartiles of a normal distribution lie 1.349 standard deviations apart.
-  return {quantile(0.5), std::max((quantile(0.75) - quantile(0.25)) / 1.349, 1.0 / std::sqrt(12.0))};
+  return {quantile(0.5),
+          std::max((quantile(0.75) - quantile(0.25)) / 1.349, 1.0 / std::sqrt(12.0))};
 }
 
 }  // namespace
 
-bool contrast_centroid(ImageView image, const Component& component, bool bright, int margin_px, Centroid& out) {
+bool contrast_centroid(ImageView image, const Component& component, bool bright, int margin_px,
+                       Centroid& out) {
   const PixelBox box{component.box.left - margin_px, component.box.top - margin_px,
                      component.box.right + margin_px, component.box.bottom + margin_px};
-  if (box.left < 0 || box.top < 0 || box.right >= image.width || box.bottom >= image.height) return false;
+  if (box.left < 0 || box.top < 0 || box.right >= image.width || box.bottom >= image.height)
+    return false;
 
   std::array<int, 256> rim{};
   int rim_count = 0;

@@ -41,7 +41,8 @@ class Forest {
     into.box.top = std::min(into.box.top, from.box.top);
     into.box.bottom = std::max(into.box.bottom, from.box.bottom);
     into.area_px += from.area_px;
-    into.extreme = bright ? std::max(into.extreme, from.extreme) : std::min(into.extreme, from.extreme);
+    into.extreme =
+        bright ? std::max(into.extreme, from.extreme) : std::min(into.extreme, from.extreme);
   }
   Component& at(int i) { return nodes_[index(i)].component; }
   std::size_t size() const { return nodes_.size(); }
@@ -95,7 +96,8 @@ double choose_threshold(GreyRange range, bool bright) {
 std::vector<Component> find_components(ImageView image, double threshold, bool bright,
                                        std::size_t max_components) {
   // As whole greys: bright means >= limit, dark means <= limit.
-  const int whole = bright ? static_cast<int>(std::floor(threshold)) + 1 : static_cast<int>(std::ceil(threshold)) - 1;
+  const int whole = bright ? static_cast<int>(std::floor(threshold)) + 1
+                           : static_cast<int>(std::ceil(threshold)) - 1;
   if (image.empty() || whole < 0 || whole > 255) return {};
   const auto limit = static_cast<std::uint8_t>(whole);
   const auto foreground = [&](std::uint8_t g) { return bright ? g >= limit : g <= limit; };
@@ -118,7 +120,8 @@ std::vector<Component> find_components(ImageView image, double threshold, bool b
       piece.box = {u, v, u, v};
       piece.extreme = row[u];
       while (u < image.width && foreground(row[u])) {
-        piece.extreme = bright ? std::max<int>(piece.extreme, row[u]) : std::min<int>(piece.extreme, row[u]);
+        piece.extreme =
+            bright ? std::max<int>(piece.extreme, row[u]) : std::min<int>(piece.extreme, row[u]);
         ++u;
       }
       piece.box.right = u - 1;
@@ -126,7 +129,8 @@ std::vector<Component> find_components(ImageView image, double threshold, bool b
 
       int parent = -1;
       while (candidate < above.size() && above[candidate].right < piece.box.left - 1) ++candidate;
-      for (std::size_t i = candidate; i < above.size() && above[i].left <= piece.box.right + 1; ++i) {
+      for (std::size_t i = candidate; i < above.size() && above[i].left <= piece.box.right + 1;
+           ++i) {
         if (parent < 0) {
           parent = forest.root(above[i].parent);
           Forest::merge(forest.at(parent), piece, bright);

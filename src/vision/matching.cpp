@@ -17,10 +17,12 @@ struct Pairing {
 
 Pairing pair(std::span<const Vector3d> points, std::span<const Ray> rays, const RayPlanes& planes,
              const Vector3d& shift, double gate_mm) {
-  Eigen::MatrixXd d(static_cast<Eigen::Index>(points.size()), static_cast<Eigen::Index>(rays.size()));
+  Eigen::MatrixXd d(static_cast<Eigen::Index>(points.size()),
+                    static_cast<Eigen::Index>(rays.size()));
   for (Eigen::Index i = 0; i < d.rows(); ++i)
     for (Eigen::Index j = 0; j < d.cols(); ++j)
-      d(i, j) = distance_mm(points[static_cast<std::size_t>(i)] + shift, rays[static_cast<std::size_t>(j)], planes);
+      d(i, j) = distance_mm(points[static_cast<std::size_t>(i)] + shift,
+                            rays[static_cast<std::size_t>(j)], planes);
 
   Pairing out;
   for (Eigen::Index i = 0; i < d.rows(); ++i) {
@@ -40,16 +42,20 @@ Pairing pair(std::span<const Vector3d> points, std::span<const Ray> rays, const 
 
 std::string_view match_status_name(MatchStatus status) {
   switch (status) {
-    case MatchStatus::kMatched: return "matched";
-    case MatchStatus::kTooFewSpots: return "too few spots";
-    case MatchStatus::kAmbiguous: return "ambiguous spots";
-    case MatchStatus::kTooFar: return "spots off the prediction";
+    case MatchStatus::kMatched:
+      return "matched";
+    case MatchStatus::kTooFewSpots:
+      return "too few spots";
+    case MatchStatus::kAmbiguous:
+      return "ambiguous spots";
+    case MatchStatus::kTooFar:
+      return "spots off the prediction";
   }
   return "?";
 }
 
-Match match_to_prediction(std::span<const Vector3d> predicted, std::span<const Ray> rays, const RayPlanes& planes,
-                          double gate_mm) {
+Match match_to_prediction(std::span<const Vector3d> predicted, std::span<const Ray> rays,
+                          const RayPlanes& planes, double gate_mm) {
   Match match;
   if (rays.size() < predicted.size() || predicted.empty()) return match;
   Pairing pairing = pair(predicted, rays, planes, Vector3d::Zero(), gate_mm);

@@ -18,11 +18,12 @@ struct Match {
   double worst_mm = 0.0;          ///< largest distance of a matched ray from its predicted point
 };
 
-/// Pairs every predicted point (plane frame, mm) with the ray that passes nearest to it. Accepted only if each
-/// pairing is mutual, nearer than `gate_mm`, and each runner-up is twice as far and half the gate away at least: ambiguity is an
-/// answer, and a reflection beside an LED is ambiguous.
-/// A common offset of the whole target is taken out first, since prediction errors are mostly common.
-Match match_to_prediction(std::span<const Vector3d> predicted, std::span<const Ray> rays, const RayPlanes& planes,
-                          double gate_mm);
+/// Pairs every predicted point (plane frame, mm) with the ray that passes nearest to it. Accepted
+/// only if each pairing is mutual, nearer than `gate_mm`, and each runner-up is twice as far and
+/// half the gate away at least: ambiguity is an answer, and a reflection beside an LED is
+/// ambiguous. A common offset of the whole target is taken out first, since prediction errors are
+/// mostly common.
+Match match_to_prediction(std::span<const Vector3d> predicted, std::span<const Ray> rays,
+                          const RayPlanes& planes, double gate_mm);
 
 }  // namespace turntable

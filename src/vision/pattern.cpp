@@ -20,8 +20,10 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr int kMarginPx = 3;
-constexpr double kLatticeTolerance = 0.15;  ///< of the spacing, between a circle and its lattice point
-constexpr int kScoringReach = 5;            ///< lattice steps around the bigger circles in which namings compete
+constexpr double kLatticeTolerance =
+    0.15;  ///< of the spacing, between a circle and its lattice point
+constexpr int kScoringReach =
+    5;  ///< lattice steps around the bigger circles in which namings compete
 
 struct Blob {
   Vector2d centre_px;
@@ -48,7 +50,8 @@ std::vector<Blob> find_blobs(ImageView image, bool bright, PatternSearch& search
   const double threshold = 0.5 * (range.min + range.max);
   for (const Component& c : find_components(image, threshold, bright)) {
     const double w = c.box.width(), h = c.box.height();
-    if (c.area_px < 20 || std::max(w, h) > 3.0 * std::min(w, h) || c.area_px < 0.5 * w * h) continue;
+    if (c.area_px < 20 || std::max(w, h) > 3.0 * std::min(w, h) || c.area_px < 0.5 * w * h)
+      continue;
     Centroid centroid;
     if (c.touches_border || !contrast_centroid(image, c, bright, kMarginPx, centroid)) {
       ++search.cut_by_border;
@@ -66,7 +69,8 @@ void compare_with_neighbours(std::vector<Blob>& blobs) {
   for (Blob& blob : blobs) {
     near.clear();
     for (const Blob& other : blobs)
-      if (&other != &blob) near.emplace_back((other.centre_px - blob.centre_px).squaredNorm(), other.mass_px);
+      if (&other != &blob)
+        near.emplace_back((other.centre_px - blob.centre_px).squaredNorm(), other.mass_px);
     const std::size_t k = std::min<std::size_t>(8, near.size());
     if (k == 0) continue;
     std::ranges::nth_element(near, near.begin() + static_cast<std::ptrdiff_t>(k) - 1);
@@ -84,28 +88,33 @@ struct Naming {
 };
 
 /// How many circles near the bigger ones fall on free lattice points.
-int score_of(const Matrix3d& H_lattice_from_px, const std::vector<Blob>& blobs, const PatternConfig& pattern) {
+int score_of(const Matrix3d& H_lattice_from_px, const std::vector<Blob>& blobs,
+             const PatternConfig& pattern) {
   int score = 0;
   for (const Blob& blob : blobs) {
     const Vector2d at = apply(H_lattice_from_px, blob.centre_px);
     const Vector2d lattice(std::round(at.x()), std::round(at.y()));
     if (!((at - lattice).cwiseAbs().maxCoeff() < kLatticeTolerance)) continue;
-    const double column = lattice.x() + pattern.origin_column, row = lattice.y() + pattern.origin_row;
+    const double column = lattice.x() + pattern.origin_column,
+                 row = lattice.y() + pattern.origin_row;
     if (column < 0 || row < 0 || column >= pattern.columns || row >= pattern.rows) continue;
-    const auto near = std::ranges::any_of(pattern.direction_circles, [&](const std::array<int, 2>& d) {
-      return std::abs(d[0] - lattice.x()) + std::abs(d[1] - lattice.y()) <= kScoringReach;
-    });
+    const auto near =
+        std::ranges::any_of(pattern.direction_circles, [&](const std::array<int, 2>& d) {
+          return std::abs(d[0] - lattice.x()) + std::abs(d[1] - lattice.y()) <= kScoringReach;
+        });
     if (near) ++score;
   }
   return score;
 }
 
 /// All ways to name four of the locally biggest blobs; the best two.
-std::pair<Naming, Naming> best_namings(const std::vector<Blob>& blobs, const PatternConfig& pattern) {
+std::pair<Naming, Naming> best_namings(const std::vector<Blob>& blobs,
+                                       const PatternConfig& pattern) {
   std::vector<std::size_t> big;
   for (std::size_t i = 0; i < blobs.size(); ++i)
     if (blobs[i].size_ratio > 1.25) big.push_back(i);
-  std::ranges::sort(big, [&](std::size_t a, std::size_t b) { return blobs[a].size_ratio > blobs[b].size_ratio; });
+  std::ranges::sort(
+      big, [&](std::size_t a, std::size_t b) { return blobs[a].size_ratio > blobs[b].size_ratio; });
   if (big.size() > 7) big.resize(7);
 
   std::array<cv::Point2f, 4> lattice;
@@ -128,7 +137,8 @@ std::pair<Naming, Naming> best_namings(const std::vector<Blob>& blobs, const Pat
           Naming naming;
           naming.H_px_from_lattice = H;
           naming.score = score_of(H.inverse(), blobs, pattern);
-          // y of the pattern runs up, v of the image down: seen from its front the lattice is turned over once.
+          // y of the pattern runs up, v of the image down: seen from its front the lattice is
+          // turned over once.
           const Vector2d o = apply(H, {0, 0}), x = apply(H, {1, 0}) - o, y = apply(H, {0, 1}) - o;
           naming.mirrored = x.x() * y.y() - x.y() * y.x() > 0;
           if (naming.score > best.first.score) {
@@ -144,15 +154,16 @@ std::pair<Naming, Naming> best_namings(const std::vector<Blob>& blobs, const Pat
 using Assignment = std::map<std::array<int, 2>, std::size_t>;  // lattice (row, column) -> blob
 
 /// Blobs on lattice points under H; a point claimed twice goes to the nearer blob.
-Assignment assign(const Matrix3d& H_px_from_lattice, const std::vector<Blob>& blobs, const PatternConfig& pattern,
-                  double reach) {
+Assignment assign(const Matrix3d& H_px_from_lattice, const std::vector<Blob>& blobs,
+                  const PatternConfig& pattern, double reach) {
   const Matrix3d inverse = H_px_from_lattice.inverse();
   Assignment assignment;
   std::map<std::array<int, 2>, double> miss;
   for (std::size_t i = 0; i < blobs.size(); ++i) {
     const Vector2d at = apply(inverse, blobs[i].centre_px);
     if (!at.allFinite() || at.cwiseAbs().maxCoeff() > 1000) continue;
-    const int column = static_cast<int>(std::lround(at.x())), row = static_cast<int>(std::lround(at.y()));
+    const int column = static_cast<int>(std::lround(at.x())),
+              row = static_cast<int>(std::lround(at.y()));
     const double off = (at - Vector2d(column, row)).cwiseAbs().maxCoeff();
     if (off > kLatticeTolerance || at.norm() > reach) continue;
     if (column + pattern.origin_column < 0 || column + pattern.origin_column >= pattern.columns ||
@@ -166,7 +177,8 @@ Assignment assign(const Matrix3d& H_px_from_lattice, const std::vector<Blob>& bl
   return assignment;
 }
 
-std::optional<Matrix3d> fit_homography(const Assignment& assignment, const std::vector<Blob>& blobs) {
+std::optional<Matrix3d> fit_homography(const Assignment& assignment,
+                                       const std::vector<Blob>& blobs) {
   std::vector<cv::Point2d> lattice, px;
   for (const auto& [key, blob] : assignment) {
     lattice.emplace_back(key[1], key[0]);
@@ -178,13 +190,14 @@ std::optional<Matrix3d> fit_homography(const Assignment& assignment, const std::
   return to_eigen(H);
 }
 
-/// Image of the centre minus centre of the image, for a circle of `radius` (in lattice units) under H.
-/// The dual conic of the circle about c is  C* = T diag(r^2, r^2, -1) T^T  (up to sign), its image H C* H^T,
-/// and the centre of a conic is the pole of the line at infinity: C* (0, 0, 1)^T.
+/// Image of the centre minus centre of the image, for a circle of `radius` (in lattice units) under
+/// H. The dual conic of the circle about c is  C* = T diag(r^2, r^2, -1) T^T  (up to sign), its
+/// image H C* H^T, and the centre of a conic is the pole of the line at infinity: C* (0, 0, 1)^T.
 Vector2d centre_bias_px(const Matrix3d& H, const Vector2d& centre, double radius) {
   Matrix3d T = Matrix3d::Identity();
   T.col(2).head<2>() = centre;
-  const Matrix3d dual = T * Vector3d(radius * radius, radius * radius, -1.0).asDiagonal() * T.transpose();
+  const Matrix3d dual =
+      T * Vector3d(radius * radius, radius * radius, -1.0).asDiagonal() * T.transpose();
   const Vector3d pole = (H * dual * H.transpose()).col(2);
   return apply(H, centre) - pole.hnormalized();
 }
@@ -193,11 +206,16 @@ Vector2d centre_bias_px(const Matrix3d& H, const Vector2d& centre, double radius
 
 std::string_view pattern_status_name(PatternStatus status) {
   switch (status) {
-    case PatternStatus::kFound: return "found";
-    case PatternStatus::kNoContrast: return "no circles: too little contrast";
-    case PatternStatus::kDirectionCirclesMissing: return "the four bigger circles were not seen";
-    case PatternStatus::kAmbiguous: return "the pattern's direction is ambiguous";
-    case PatternStatus::kMirrored: return "the pattern appears mirrored: its y direction is stated wrongly in the rig file";
+    case PatternStatus::kFound:
+      return "found";
+    case PatternStatus::kNoContrast:
+      return "no circles: too little contrast";
+    case PatternStatus::kDirectionCirclesMissing:
+      return "the four bigger circles were not seen";
+    case PatternStatus::kAmbiguous:
+      return "the pattern's direction is ambiguous";
+    case PatternStatus::kMirrored:
+      return "the pattern appears mirrored: its y direction is stated wrongly in the rig file";
   }
   return "?";
 }
@@ -261,8 +279,8 @@ PatternSearch find_pattern(ImageView image, const PatternConfig& pattern) {
     IndexedCircle circle;
     circle.column = key[1];
     circle.row = key[0];
-    circle.centre_px = blob.centre_px +
-                       centre_bias_px(H, Vector2d(circle.column, circle.row), radius / pattern.spacing_mm);
+    circle.centre_px = blob.centre_px + centre_bias_px(H, Vector2d(circle.column, circle.row),
+                                                       radius / pattern.spacing_mm);
     circle.sigma_px = blob.sigma_px;
     circle.box = blob.box;
     search.circles.push_back(circle);

@@ -11,9 +11,11 @@ namespace {
 constexpr int kMarginPx = 3;
 
 bool spot_like(const Component& c, const SpotOptions& options) {
-  if (c.touches_border || c.area_px < options.min_area_px || c.area_px > options.max_area_px) return false;
+  if (c.touches_border || c.area_px < options.min_area_px || c.area_px > options.max_area_px)
+    return false;
   const double w = c.box.width(), h = c.box.height();
-  return std::max(w, h) <= options.max_aspect * std::min(w, h) && c.area_px >= options.min_fill * w * h;
+  return std::max(w, h) <= options.max_aspect * std::min(w, h) &&
+         c.area_px >= options.min_fill * w * h;
 }
 
 }  // namespace
@@ -27,12 +29,14 @@ SpotSearch find_spots(ImageView image, const SpotOptions& options) {
 
   for (const Component& component : find_components(image, search.threshold, true)) {
     Centroid centroid;
-    if (!spot_like(component, options) || !contrast_centroid(image, component, true, kMarginPx, centroid)) {
+    if (!spot_like(component, options) ||
+        !contrast_centroid(image, component, true, kMarginPx, centroid)) {
       ++search.rejected;
       continue;
     }
-    search.spots.push_back({centroid.centre_px, centroid.sigma_px, static_cast<double>(component.extreme),
-                            component.area_px, component.extreme == 255, component.box});
+    search.spots.push_back({centroid.centre_px, centroid.sigma_px,
+                            static_cast<double>(component.extreme), component.area_px,
+                            component.extreme == 255, component.box});
   }
   std::ranges::stable_sort(search.spots, std::ranges::greater{}, &Spot::peak_grey);
   return search;

@@ -11,7 +11,8 @@ namespace turntable {
 
 struct Spot {
   Eigen::Vector2d centre_px;
-  double sigma_px = 0.0;   ///< standard uncertainty of each coordinate, from the noise around the spot
+  double sigma_px =
+      0.0;  ///< standard uncertainty of each coordinate, from the noise around the spot
   double peak_grey = 0.0;
   int area_px = 0;
   bool saturated = false;  ///< some pixels at 255: the centre is less certain than it looks
@@ -21,9 +22,9 @@ struct Spot {
 struct SpotOptions {
   int min_area_px = 6;
   int max_area_px = 4000;
-  double max_aspect = 2.5;       ///< of the bounding box
-  double min_fill = 0.4;         ///< area / bounding box; a disc fills 0.785
-  int min_peak_to_peak = 20;     ///< below this the image holds no spot
+  double max_aspect = 2.5;    ///< of the bounding box
+  double min_fill = 0.4;      ///< area / bounding box; a disc fills 0.785
+  int min_peak_to_peak = 20;  ///< below this the image holds no spot
 };
 
 struct SpotSearch {

@@ -1,4 +1,5 @@
-// The quick campaign through the program: reference values, the same bytes twice, evaluation from what is archived.
+// The quick campaign through the program: reference values, the same bytes twice, evaluation from
+// what is archived.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -15,12 +16,13 @@ namespace {
 namespace fs = std::filesystem;
 
 const fs::path kSource = TURNTABLE_SOURCE_DIR;
-constexpr const char* kTables[] = {"table1.csv", "table3.csv", "table4.csv", "table5.csv", "quick_uniaxial_x.csv"};
+constexpr const char* kTables[] = {"table1.csv", "table3.csv", "table4.csv", "table5.csv",
+                                   "quick_uniaxial_x.csv"};
 
 Outcome run(const fs::path& out, const std::string& rig = "simulated", const std::string& more = "",
             const std::string& campaign = "campaigns/quick") {
-  return turntable_program("run scenarios/" + campaign + ".json --rig scenarios/rigs/" + rig + ".json --out " +
-                           out.string() + " " + more);
+  return turntable_program("run scenarios/" + campaign + ".json --rig scenarios/rigs/" + rig +
+                           ".json --out " + out.string() + " " + more);
 }
 
 std::vector<std::vector<std::string>> read_csv(const fs::path& file) {
@@ -52,7 +54,8 @@ TEST(QuickCampaign, AgreesWithTheReferenceTables) {
   const Outcome outcome = run(folder / "run");
   ASSERT_EQ(outcome.code, 0) << outcome.output;
   EXPECT_NE(outcome.output.find("simulated"), std::string::npos);
-  // The same seed gives the same images; another processor's floating point may move the last digits of a centre.
+  // The same seed gives the same images; another processor's floating point may move the last
+  // digits of a centre.
   constexpr double kToleranceDeg = 2e-4;
   std::size_t compared = 0;
   for (const char* table : {"table3.csv", "table4.csv", "table5.csv", "quick_uniaxial_x.csv"}) {
@@ -64,7 +67,8 @@ TEST(QuickCampaign, AgreesWithTheReferenceTables) {
       for (std::size_t j = 0; j < ours[i].size(); ++j) {
         const std::string& name = ours[0][j];
         if (name.ends_with("_deg")) {
-          EXPECT_NEAR(std::stod(ours[i][j]), std::stod(reference[i][j]), kToleranceDeg) << table << " " << i << " " << name;
+          EXPECT_NEAR(std::stod(ours[i][j]), std::stod(reference[i][j]), kToleranceDeg)
+              << table << " " << i << " " << name;
           ++compared;
         } else {
           EXPECT_EQ(ours[i][j], reference[i][j]) << table << " " << i << " " << name;
@@ -82,7 +86,8 @@ TEST(QuickCampaign, GivesTheSameBytesInAnotherFolderAndFromEvaluateAndReport) {
   const std::string poses = slurp(folder / "a/poses.csv");
   ASSERT_GT(poses.size(), 10000u);
   EXPECT_EQ(poses, slurp(folder / "elsewhere/deep/b/poses.csv"));
-  EXPECT_EQ(slurp(folder / "a/calibration.json"), slurp(folder / "elsewhere/deep/b/calibration.json"));
+  EXPECT_EQ(slurp(folder / "a/calibration.json"),
+            slurp(folder / "elsewhere/deep/b/calibration.json"));
   std::map<std::string, std::string> tables;
   for (const char* table : kTables) {
     tables[table] = slurp(folder / "a/tables" / table);
@@ -93,7 +98,8 @@ TEST(QuickCampaign, GivesTheSameBytesInAnotherFolderAndFromEvaluateAndReport) {
     fs::remove_all(folder / "a/tables");
     fs::remove(folder / "a/report.md");
     ASSERT_EQ(turntable_program(verb + " " + (folder / "a").string()).code, 0);
-    for (const char* table : kTables) EXPECT_EQ(tables[table], slurp(folder / "a/tables" / table)) << verb << table;
+    for (const char* table : kTables)
+      EXPECT_EQ(tables[table], slurp(folder / "a/tables" / table)) << verb << table;
     EXPECT_EQ(poses, slurp(folder / "a/poses.csv"));
     EXPECT_TRUE(fs::exists(folder / "a/report.md"));
   }
@@ -105,8 +111,10 @@ TEST(QuickCampaign, GivesTheSameTablesWhateverIsArchived) {
   ASSERT_EQ(run(folder / "full", "simulated", "--images full").code, 0);
   EXPECT_EQ(slurp(folder / "regions/poses.csv"), slurp(folder / "full/poses.csv"));
   // Without images: the camera from the first run, the spots from the journal.
-  const Outcome none = run(folder / "none", "simulated",
-                           "--images none --calibration " + (folder / "regions/calibration.json").string(), "quick/triaxial_xyz");
+  const Outcome none =
+      run(folder / "none", "simulated",
+          "--images none --calibration " + (folder / "regions/calibration.json").string(),
+          "quick/triaxial_xyz");
   ASSERT_EQ(none.code, 0) << none.output;
   EXPECT_TRUE(fs::is_empty(folder / "none/images") || !fs::exists(folder / "none/images"));
 }
@@ -115,11 +123,14 @@ TEST(QuickCampaign, WithAnotherSeedGivesOtherNumbers) {
   TemporaryFolder folder;
   std::string rig = slurp(kSource / "scenarios/rigs/simulated.json");
   rig.replace(rig.find("20190511"), 8, "20190512");
-  rig.replace(rig.find("\"../calibration_sweep.json\""), 27, "\"" + (kSource / "scenarios/calibration_sweep.json").string() + "\"");
+  rig.replace(rig.find("\"../calibration_sweep.json\""), 27,
+              "\"" + (kSource / "scenarios/calibration_sweep.json").string() + "\"");
   spill(folder / "rig.json", rig);
   ASSERT_EQ(run(folder / "a").code, 0);
-  ASSERT_EQ(turntable_program("run scenarios/campaigns/quick.json --rig " + (folder / "rig.json").string() + " --out " +
-                              (folder / "b").string()).code, 0);
+  ASSERT_EQ(turntable_program("run scenarios/campaigns/quick.json --rig " +
+                              (folder / "rig.json").string() + " --out " + (folder / "b").string())
+                .code,
+            0);
   EXPECT_NE(slurp(folder / "a/poses.csv"), slurp(folder / "b/poses.csv"));
 }
 
@@ -143,7 +154,8 @@ TEST(PaperCampaign, OnIdealMechanicsStaysBelowAHundredthOfADegreeInEveryScenario
 
 TEST(SingleScenario, CalibratesFirstAndReportsTheChosenSolversOnly) {
   TemporaryFolder folder;
-  const Outcome outcome = run(folder / "run", "simulated", "--solver aopit_ray,posit", "quick/triaxial_xyz");
+  const Outcome outcome =
+      run(folder / "run", "simulated", "--solver aopit_ray,posit", "quick/triaxial_xyz");
   ASSERT_EQ(outcome.code, 0) << outcome.output;
   EXPECT_NE(outcome.output.find("calibrated first"), std::string::npos);
   const auto csv = read_csv(folder / "run/tables/table5.csv");
@@ -154,15 +166,17 @@ TEST(SingleScenario, CalibratesFirstAndReportsTheChosenSolversOnly) {
 }
 
 TEST(CameraThatLosesSight, FailsPosesWithoutDroppingThem) {
-  // A rig whose LEDs are too weak to be told from the ground: every pose is a failure, and the tables say so.
+  // A rig whose LEDs are too weak to be told from the ground: every pose is a failure, and the
+  // tables say so.
   TemporaryFolder folder;
   ASSERT_EQ(run(folder / "good").code, 0);
   std::string rig = slurp(kSource / "scenarios/rigs/simulated.json");
   rig.replace(rig.find("\"led_peak_grey\": 200"), 20, "\"led_peak_grey\": 14 ");
   spill(folder / "rig.json", rig);
-  const Outcome outcome = turntable_program(
-      "run scenarios/quick/triaxial_xyz.json --rig " + (folder / "rig.json").string() + " --calibration " +
-      (folder / "good/calibration.json").string() + " --out " + (folder / "blind").string());
+  const Outcome outcome = turntable_program("run scenarios/quick/triaxial_xyz.json --rig " +
+                                            (folder / "rig.json").string() + " --calibration " +
+                                            (folder / "good/calibration.json").string() +
+                                            " --out " + (folder / "blind").string());
   EXPECT_EQ(outcome.code, 4) << outcome.output;
   const auto csv = read_csv(folder / "blind/tables/table5.csv");
   for (std::size_t i = 1; i < csv.size(); ++i) {

@@ -19,12 +19,14 @@ struct Outcome {
 };
 
 inline Outcome turntable_program(const std::string& arguments, const std::string& before = "") {
-  const std::string command = before + " " + TURNTABLE_PROGRAM + " " + arguments + " 2>&1 </dev/null";
+  const std::string command =
+      before + " " + TURNTABLE_PROGRAM + " " + arguments + " 2>&1 </dev/null";
   FILE* pipe = ::popen(command.c_str(), "r");
   if (pipe == nullptr) throw std::runtime_error("popen");
   Outcome out;
   std::array<char, 4096> buffer;
-  while (const std::size_t n = std::fread(buffer.data(), 1, buffer.size(), pipe)) out.output.append(buffer.data(), n);
+  while (const std::size_t n = std::fread(buffer.data(), 1, buffer.size(), pipe))
+    out.output.append(buffer.data(), n);
   const int status = ::pclose(pipe);
   out.code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
   return out;

@@ -10,7 +10,9 @@
 namespace turntable {
 namespace {
 
-std::string table1() { return std::string(TURNTABLE_SOURCE_DIR) + "/scenarios/calibrations/paper_table1.json"; }
+std::string table1() {
+  return std::string(TURNTABLE_SOURCE_DIR) + "/scenarios/calibrations/paper_table1.json";
+}
 
 std::string replaced(std::string text, const std::string& from, const std::string& to) {
   const auto at = text.find(from);
@@ -31,7 +33,8 @@ TEST(Calibration, PublishedTable1LoadsWithVCountedUpward) {
 }
 
 TEST(Calibration, PublishedTable1WithVCountedDownwardIsRefusedClearly) {
-  const std::string text = replaced(read_text(table1()), "\"v_direction\": \"up\"", "\"v_direction\": \"down\"");
+  const std::string text =
+      replaced(read_text(table1()), "\"v_direction\": \"up\"", "\"v_direction\": \"down\"");
   try {
     parse_calibration(text, "table1_down.json");
     FAIL() << "accepted";
@@ -45,7 +48,8 @@ TEST(Calibration, PublishedTable1WithVCountedDownwardIsRefusedClearly) {
 
 TEST(Calibration, FileKeepsEveryDigit) {
   Calibration c = load_calibration(table1());
-  c.pinhole = PinholeModel{1945.25, 1944.75, 517.5, 508.25, {}, 0.75, 15, rotation_from_vector({3.1, 0.01, -0.02})};
+  c.pinhole = PinholeModel{1945.25, 1944.75, 517.5, 508.25,
+                           {},      0.75,    15,    rotation_from_vector({3.1, 0.01, -0.02})};
   c.pinhole_distorted = *c.pinhole;
   c.pinhole_distorted->distortion = {-0.06, 0.1, 0.0003, -0.0002, 0.01};
   c.planes = {{0.0, false, 255, 0.002, 0.006}, {130.0, true, 210, 0.001, 0.002}};
@@ -61,14 +65,14 @@ TEST(Calibration, FileKeepsEveryDigit) {
 
 TEST(Calibration, DamagedFilesAreRefusedWithThePlace) {
   const std::string text = read_text(table1());
-  for (const auto& [from, to, place] : {
-           std::tuple{"\"order\": 5", "\"order\": 4", "/irt/terms"},
-           {"\"order\": 5", "\"order\": \"five\"", "/irt/order"},
-           {"[0, 0], ", "[0, 1], ", "/irt/terms/1"},
-           {"\"plane_b_mm\": 180", "\"plane_b_mm\": 130", "/irt/plane_b_mm"},
-           {"\"source\"", "\"sauce\"", "/"},
-           {"1024, 1024", "1024", "/image_size_px"},
-           {"\"basis\": \"monomial\"", "\"basis\": \"legendre\"", "/irt/v_direction"}}) {
+  for (const auto& [from, to, place] :
+       {std::tuple{"\"order\": 5", "\"order\": 4", "/irt/terms"},
+        {"\"order\": 5", "\"order\": \"five\"", "/irt/order"},
+        {"[0, 0], ", "[0, 1], ", "/irt/terms/1"},
+        {"\"plane_b_mm\": 180", "\"plane_b_mm\": 130", "/irt/plane_b_mm"},
+        {"\"source\"", "\"sauce\"", "/"},
+        {"1024, 1024", "1024", "/image_size_px"},
+        {"\"basis\": \"monomial\"", "\"basis\": \"legendre\"", "/irt/v_direction"}}) {
     try {
       parse_calibration(replaced(text, from, to), "camera.json");
       ADD_FAILURE() << "accepted " << to;
@@ -80,7 +84,8 @@ TEST(Calibration, DamagedFilesAreRefusedWithThePlace) {
 }
 
 TEST(Pinhole, NormaliseUndoesItsOwnDistortion) {
-  PinholeModel m{1000, 1000, 500, 500, {-0.2, 0.05, 0.001, -0.002, 0.01}, 0, 3, Matrix3d::Identity()};
+  PinholeModel m{
+      1000, 1000, 500, 500, {-0.2, 0.05, 0.001, -0.002, 0.01}, 0, 3, Matrix3d::Identity()};
   const Vector2d n = m.normalise({800, 300});
   const double r2 = n.squaredNorm();
   const double radial = 1 - 0.2 * r2 + 0.05 * r2 * r2 + 0.01 * r2 * r2 * r2;

@@ -15,7 +15,8 @@ namespace {
 constexpr ImageSize kSize{1024, 1024};
 
 /// The shipped lens looking at lattice points of planes at heights z, with pixel noise.
-std::vector<PlanePoint> points_of(const std::vector<double>& heights, double noise_px, std::uint64_t draw = 0) {
+std::vector<PlanePoint> points_of(const std::vector<double>& heights, double noise_px,
+                                  std::uint64_t draw = 0) {
   SimulatedView view(shipped_rig("ideal"));
   view.world().mount(Payload::kCirclePattern);
   Random random(draw, "irt_test points");
@@ -59,7 +60,8 @@ TEST(Irt, FitsAPhysicalLensToMicrometresAndPredictsAPlaneItHasNotSeen) {
 TEST(Irt, ErrorFallsWithTheOrderUntilTheLensIsExhausted) {
   double last = INFINITY;
   for (const int order : {1, 3, 5}) {
-    const double held_out = rms(fit_irt(points_of({130, 180}, 0.0), {130, 180}, order, kSize).model, points_of({150}, 0.0));
+    const double held_out = rms(fit_irt(points_of({130, 180}, 0.0), {130, 180}, order, kSize).model,
+                                points_of({150}, 0.0));
     EXPECT_LT(held_out, 0.5 * last);
     last = held_out;
   }
@@ -93,13 +95,15 @@ TEST(Irt, MonomialsAreTheSameModelCountedEitherWay) {
   const IrtModel model = fit_irt(points_of({130, 180}, 0.0), {130, 180}, 5, kSize).model;
   for (const VDirection v : {VDirection::kDown, VDirection::kUp}) {
     const Eigen::MatrixX4d m = model.monomials(v);
-    const IrtModel back = IrtModel::from_monomials(kSize, model.planes(), 5, m, v, model.domain_hull_px());
+    const IrtModel back =
+        IrtModel::from_monomials(kSize, model.planes(), 5, m, v, model.domain_hull_px());
     const auto terms = IrtModel::terms(5);
     for (const Vector2d& pixel : {Vector2d(100, 200), Vector2d(512, 800), Vector2d(900, 50)}) {
       const double row = v == VDirection::kDown ? pixel.y() : 1023 - pixel.y();
       Eigen::RowVector4d sum = Eigen::RowVector4d::Zero();
       for (std::size_t i = 0; i < terms.size(); ++i)
-        sum += m.row(static_cast<Eigen::Index>(i)) * std::pow(pixel.x(), terms[i].first) * std::pow(row, terms[i].second);
+        sum += m.row(static_cast<Eigen::Index>(i)) * std::pow(pixel.x(), terms[i].first) *
+               std::pow(row, terms[i].second);
       const Ray ray = model.ray(pixel);
       EXPECT_NEAR(sum(0), ray.at_a.x(), 1e-7);
       EXPECT_NEAR(sum(3), ray.at_b.y(), 1e-7);

@@ -16,7 +16,9 @@ inline RigFile shipped_rig(const std::string& name) {
 class SimulatedView {
  public:
   explicit SimulatedView(const RigFile& rig)
-      : rig_(rig), world_(rig, [this](AxisId axis) { return position_[axis]; }), renderer_(world_) {}
+      : rig_(rig),
+        world_(rig, [this](AxisId axis) { return position_[axis]; }),
+        renderer_(world_) {}
 
   void stand(double stage_mm, double yaw_deg, double roll_deg, double pitch_deg) {
     position_ = {{AxisId::kStage, stage_mm},

@@ -14,7 +14,8 @@ namespace {
 TEST(Components, AgreeWithOpenCvOnRandomImages) {
   Random random(1, "Components.AgreeWithOpenCvOnRandomImages");
   for (int trial = 0; trial < 200; ++trial) {
-    const int width = 1 + static_cast<int>(random.uniform(0, 150)), height = 1 + static_cast<int>(random.uniform(0, 40));
+    const int width = 1 + static_cast<int>(random.uniform(0, 150)),
+              height = 1 + static_cast<int>(random.uniform(0, 40));
     const double share = random.uniform(0.02, 0.7);
     Image image({width, height}, 0);
     for (auto& p : image.pixels) p = random.uniform() < share ? 200 : 10;
@@ -22,13 +23,16 @@ TEST(Components, AgreeWithOpenCvOnRandomImages) {
     const auto components = find_components(image, 100.0, bright);
 
     cv::Mat binary(height, width, CV_8U, image.pixels.data()), labels, stats, centroids;
-    cv::threshold(binary.clone(), binary, 100, 255, bright ? cv::THRESH_BINARY : cv::THRESH_BINARY_INV);
+    cv::threshold(binary.clone(), binary, 100, 255,
+                  bright ? cv::THRESH_BINARY : cv::THRESH_BINARY_INV);
     const int count = cv::connectedComponentsWithStats(binary, labels, stats, centroids, 8);
     ASSERT_EQ(components.size(), static_cast<std::size_t>(count - 1));
     std::multiset<std::array<int, 5>> ours, theirs;
-    for (const Component& c : components) ours.insert({c.box.left, c.box.top, c.box.width(), c.box.height(), c.area_px});
+    for (const Component& c : components)
+      ours.insert({c.box.left, c.box.top, c.box.width(), c.box.height(), c.area_px});
     for (int i = 1; i < count; ++i)
-      theirs.insert({stats.at<int>(i, 0), stats.at<int>(i, 1), stats.at<int>(i, 2), stats.at<int>(i, 3), stats.at<int>(i, 4)});
+      theirs.insert({stats.at<int>(i, 0), stats.at<int>(i, 1), stats.at<int>(i, 2),
+                     stats.at<int>(i, 3), stats.at<int>(i, 4)});
     EXPECT_EQ(ours, theirs);
   }
 }

@@ -27,7 +27,8 @@ TEST(Matching, FindsEveryOrderUnderACommonOffset) {
   do {
     std::vector<Ray> rays(4);
     const Vector3d offset(random.uniform(-5, 5), random.uniform(-5, 5), random.uniform(-5, 5));
-    for (std::size_t i = 0; i < 4; ++i) rays[static_cast<std::size_t>(order[i])] = ray_through(kPoints[i] + offset);
+    for (std::size_t i = 0; i < 4; ++i)
+      rays[static_cast<std::size_t>(order[i])] = ray_through(kPoints[i] + offset);
     const Match match = match_to_prediction(kPoints, rays, kPlanes, 15.0);
     ASSERT_EQ(match.status, MatchStatus::kMatched);
     EXPECT_EQ(match.ray_of_point, order);

@@ -36,7 +36,8 @@ TEST(Pattern, IsIndexedToAHundredthOfAPixelAtZeroAndAtThirtyDegrees) {
   for (const auto& [yaw, roll, pitch] :
        {std::array{0.0, 0.0, 0.0}, {0.0, 30.0, 0.0}, {0.0, 0.0, -30.0}, {40.0, 20.0, 20.0}}) {
     view.stand(100, yaw, roll, pitch);
-    const PatternSearch search = find_pattern(view.look(Payload::kCirclePattern), view.rig().pattern);
+    const PatternSearch search =
+        find_pattern(view.look(Payload::kCirclePattern), view.rig().pattern);
     ASSERT_EQ(search.status, PatternStatus::kFound);
     const Accuracy a = accuracy(view, search);
     EXPECT_GT(a.circles, 150);
@@ -49,14 +50,16 @@ TEST(Pattern, IsIndexedWhateverItsRotation) {
   SimulatedView view(shipped_rig("simulated"));
   for (double yaw = -180; yaw < 180; yaw += 30) {
     view.stand(60, yaw, 0, 0);
-    const PatternSearch search = find_pattern(view.look(Payload::kCirclePattern), view.rig().pattern);
+    const PatternSearch search =
+        find_pattern(view.look(Payload::kCirclePattern), view.rig().pattern);
     ASSERT_EQ(search.status, PatternStatus::kFound) << yaw;
     EXPECT_EQ(accuracy(view, search).wrong, 0) << yaw;
   }
 }
 
 TEST(Pattern, CentresAreCorrectedForPerspective) {
-  // Without the correction the centre of the ellipse is off by about r^2 f tan(tilt) / Z^2: 0.04 px here.
+  // Without the correction the centre of the ellipse is off by about r^2 f tan(tilt) / Z^2: 0.04 px
+  // here.
   SimulatedView view(shipped_rig("ideal"));
   view.stand(100, 0, 30, 0);
   const PatternSearch search = find_pattern(view.look(Payload::kCirclePattern), view.rig().pattern);
@@ -64,7 +67,8 @@ TEST(Pattern, CentresAreCorrectedForPerspective) {
   Vector2d mean = Vector2d::Zero();
   for (const IndexedCircle& c : search.circles) {
     const Vector2d p = c.on_pattern_mm(view.rig().pattern.spacing_mm);
-    mean += (c.centre_px - view.pixel_of({p.x(), p.y(), 0})) / static_cast<double>(search.circles.size());
+    mean += (c.centre_px - view.pixel_of({p.x(), p.y(), 0})) /
+            static_cast<double>(search.circles.size());
   }
   EXPECT_LT(mean.norm(), 0.003);
 }
@@ -86,7 +90,8 @@ TEST(Pattern, WithTheWrongYDirectionIsRecognisedAsMirrored) {
   PatternConfig stated = view.rig().pattern;
   for (auto& d : stated.direction_circles) d[1] = -d[1];
   stated.origin_row = stated.rows - 1 - stated.origin_row;
-  EXPECT_EQ(find_pattern(view.look(Payload::kCirclePattern), stated).status, PatternStatus::kMirrored);
+  EXPECT_EQ(find_pattern(view.look(Payload::kCirclePattern), stated).status,
+            PatternStatus::kMirrored);
 }
 
 TEST(Pattern, WithOneDirectionCircleCoveredIsRefused) {
@@ -95,7 +100,8 @@ TEST(Pattern, WithOneDirectionCircleCoveredIsRefused) {
   Image image = view.look(Payload::kCirclePattern);
   const Vector2d at = view.pixel_of({0, 80, 0});
   for (int v = -40; v <= 40; ++v)
-    for (int u = -40; u <= 40; ++u) image.row(static_cast<int>(at.y()) + v)[static_cast<int>(at.x()) + u] = 25;
+    for (int u = -40; u <= 40; ++u)
+      image.row(static_cast<int>(at.y()) + v)[static_cast<int>(at.x()) + u] = 25;
   EXPECT_NE(find_pattern(image, view.rig().pattern).status, PatternStatus::kFound);
 }
 

@@ -22,7 +22,8 @@ double spot_rms(const std::string& rig) {
       EXPECT_EQ(search.spots.size(), 4u);
       for (const Vector2d& truth : view.led_pixels()) {
         double nearest = INFINITY;
-        for (const Spot& s : search.spots) nearest = std::min(nearest, (s.centre_px - truth).norm());
+        for (const Spot& s : search.spots)
+          nearest = std::min(nearest, (s.centre_px - truth).norm());
         sum += nearest * nearest;
         count += 2;
       }

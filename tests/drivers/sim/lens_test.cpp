@@ -25,7 +25,8 @@ TEST(Lens, RayOfAPixelPassesThroughEveryPointThatProjectsThere) {
     const Vector2d pixel(random.uniform(0, 1023), random.uniform(0, 1023));
     const CameraRay ray = lens.ray(pixel);
     for (const double along : {100.0, 520.0, 2000.0}) {
-      const Vector3d point = Vector3d(0, 0, ray.pupil_mm) + along * Vector3d(ray.tangent.x(), ray.tangent.y(), 1.0);
+      const Vector3d point =
+          Vector3d(0, 0, ray.pupil_mm) + along * Vector3d(ray.tangent.x(), ray.tangent.y(), 1.0);
       EXPECT_LT((lens.project(point) - pixel).norm(), 1e-8);
     }
   }
