@@ -47,28 +47,33 @@ Frame FolderCamera::trigger() {
   const Time deadline = clock_.now() + from_seconds(frame_timeout_s_);
   std::uintmax_t last_size = 0;
   std::filesystem::path last;
+  std::string unreadable;
   for (;;) {
     const std::filesystem::path file = next_file();
-    if (!file.empty()) {
-      const std::uintmax_t size = std::filesystem::file_size(file);
-      if (file == last && size == last_size && size > 0)
-        break;  // two looks, the same size: written
+    std::error_code gone;  // renamed or removed between two looks
+    const std::uintmax_t size = file.empty() ? 0 : std::filesystem::file_size(file, gone);
+    if (!file.empty() && !gone) {
+      if (file == last && size == last_size && size > 0) {  // two looks, the same size: written
+        try {
+          frame.image = load_(file);
+          break;
+        } catch (const ConfigError& e) {  // or only stalled
+          unreadable = e.what();
+        }
+      }
       last = file;
       last_size = size;
     }
-    if (clock_.now() >= deadline)
+    if (clock_.now() >= deadline) {
+      if (!unreadable.empty()) throw DeviceError("camera: " + unreadable);
       throw TimeoutError(fmt::format(
           "camera: no new .png in {} within {:.1f} s of the trigger. Check the camera's "
           "software and its folder.",
           folder_.string(), frame_timeout_s_));
+    }
     clock_.sleep_for(from_seconds(kPollS));
   }
   spent_.insert(last);
-  try {
-    frame.image = load_(last);
-  } catch (const ConfigError& e) {
-    throw DeviceError(fmt::format("camera: {}", e.what()));
-  }
   if (frame.image.size() != size_)
     throw DeviceError(fmt::format(
         "camera: {} has {} x {} px, allowed: {} x {} px as the rig file says.", last.string(),

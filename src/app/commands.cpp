@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/core/version.hpp>
 #include <optional>
+#include <sstream>
 
 #include "src/app/open_rig.h"
 #include "src/app/progress.h"
@@ -81,6 +82,46 @@ CameraSource provide_calibration(Campaign& campaign, const RigFile& rig, const f
   return source;
 }
 
+/// A solver that the camera cannot serve is bad input, not a surprise after a night of motion.
+void check_solvers(const std::vector<const Solver*>& solvers, const CameraSource& camera,
+                   const Plan& plan) {
+  const bool tilted = std::ranges::any_of(
+      plan.poses, [](const PlannedPose& p) { return p.role == PoseRole::kPinholeView; });
+  for (const Solver* solver : solvers) {
+    if (solver->sight == Sight::kRays) continue;
+    const bool served = !camera.loaded ? tilted
+                        : solver->sight == Sight::kPinholeRaw
+                            ? camera.loaded->pinhole.has_value()
+                            : camera.loaded->pinhole_distorted.has_value();
+    if (!served)
+      throw ConfigError(
+          "--solver", "",
+          fmt::format("{} needs a pinhole calibration, and this camera has none. Choose a ray "
+                      "solver, or calibrate with pinhole_views.",
+                      solver->name));
+  }
+}
+
+/// The solvers that poses.csv was written for, so that a report tells of the same ones; all if
+/// there is none.
+std::vector<const Solver*> stored_solvers(const RunFolder& folder) {
+  std::vector<const Solver*> solvers;
+  if (!fs::exists(folder.poses())) return solvers;
+  std::istringstream csv(read_text(folder.poses()));
+  std::string line;
+  std::getline(csv, line);  // header
+  while (std::getline(csv, line)) {
+    std::istringstream cells(line);
+    std::string cell;
+    for (int i = 0; i < 7; ++i)
+      std::getline(cells, cell, ',');  // index, id, scenario, repeat, point, role, solver
+    const Solver* solver = find_solver(cell);
+    if (solver == nullptr || std::ranges::find(solvers, solver) != solvers.end()) break;
+    solvers.push_back(solver);
+  }
+  return solvers;
+}
+
 nlohmann::json provenance(const RigFile& rig, const std::string& command) {
   char host[256] = "unknown";
   ::gethostname(host, sizeof host - 1);
@@ -113,7 +154,7 @@ int finish(const RunFolder& folder, const std::optional<Calibration>& loaded,
     calibration.calibration = *loaded;
     // Only if the planes are the ones this camera was calibrated from do its residuals belong into
     // the report.
-    if (has_calibration_sweep(record.plan) && loaded->source == record.plan.name)
+    if (has_calibration_sweep(record.plan) && loaded->source == calibration_source(record.plan))
       calibration.points = plane_points(record, folder, rig);
   } else if (has_calibration_sweep(record.plan)) {
     ProgressLine line("calibrating");
@@ -188,6 +229,7 @@ int run_command(const RunArguments& a) {
         "--images", "",
         "found \"none\", allowed with a calibration sweep: regions, full. The pattern's "
         "images are what the camera is calibrated from.");
+  check_solvers(solvers, camera, plan);
   const fs::path root = a.out.empty() ? RunFolder::default_root(plan.name) : a.out;
   const PlanReport report = check_plan(plan, rig_file, {archive, root});
   fmt::print("{}", plan_summary(plan, report));
@@ -226,7 +268,11 @@ int run_command(const RunArguments& a) {
   try {
     const int code = finish(folder, camera.loaded, solvers, SpotSource::kImages, true);
     return code == kDone && summary.failed > 0 ? kFailedPoses : code;
-  } catch (const Error& e) {
+  } catch (const Interrupted&) {
+    throw;
+  } catch (const RecordError&) {
+    throw;
+  } catch (const std::exception& e) {
     // The rig has done its work and nothing is lost: this is not bad input any more.
     spdlog::error("{}", e.what());
     spdlog::error(
@@ -252,8 +298,18 @@ int calibrate_command(const CalibrateArguments& a) {
     result = calibrate(record, folder, rig, options);
     if (out.empty()) out = folder.calibration();
   } else if (format_of(a.source) == "calibration") {
+    if (a.order != 0)
+      throw ConfigError("--order", "", "goes with a run folder; this camera is finished.");
     result.calibration = load_calibration(a.source);
   } else {
+    if (format_of(a.source) != "scenario" ||
+        load_scenario(a.source).kind != ScenarioKind::kCalibration)
+      throw ConfigError(
+          a.source.string(), "",
+          "is not a calibration: name a run folder, a calibration scenario or a calibration file.");
+    if (a.order != 0)
+      throw ConfigError("--order", "",
+                        "goes with a run folder; a scenario states its own polynomial_order.");
     if (a.rig.empty())
       throw ConfigError("--rig", "", "is missing: a calibration scenario needs a rig to run on.");
     RunArguments run;
@@ -297,7 +353,8 @@ int report_command(const std::vector<fs::path>& runs) {
     const RunFolder folder = RunFolder::open(run);
     std::optional<Calibration> stored;
     if (fs::exists(folder.calibration())) stored = load_calibration(folder.calibration());
-    code = std::max(code, finish(folder, stored, {}, SpotSource::kJournal, false));
+    code =
+        std::max(code, finish(folder, stored, stored_solvers(folder), SpotSource::kJournal, false));
   }
   return code;
 }

@@ -4,6 +4,7 @@
 
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <sstream>
 #include <valijson/adapters/nlohmann_json_adapter.hpp>
 #include <valijson/schema.hpp>
@@ -136,7 +137,20 @@ std::string explain(const Json& value, const Json& schema) {
 
 Json parse_or_throw(std::string_view text, const std::string& name) {
   try {
-    return Json::parse(text);
+    // JSON lets a key stand twice, and the last one wins: two limits on one axis would pass without
+    // a word.
+    std::vector<std::set<std::string>> open_objects;
+    const auto refuse_twice = [&](int, Json::parse_event_t event, Json& parsed) {
+      if (event == Json::parse_event_t::object_start) open_objects.emplace_back();
+      if (event == Json::parse_event_t::object_end) open_objects.pop_back();
+      if (event == Json::parse_event_t::key &&
+          !open_objects.back().insert(parsed.get<std::string>()).second)
+        throw ConfigError(
+            name, "",
+            fmt::format("key {} stands twice in one object. Remove one of them.", parsed.dump()));
+      return true;
+    };
+    return Json::parse(text, refuse_twice);
   } catch (const Json::parse_error& e) {
     const std::size_t end = std::min(text.size(), e.byte == 0 ? 0 : e.byte - 1);
     const auto line =

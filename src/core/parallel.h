@@ -9,9 +9,12 @@
 #include <thread>
 #include <vector>
 
+#include "src/core/interrupt.h"
+
 namespace turntable {
 
-/// Calls `work(i)` for i in [0, count). The first exception ends the rest and is thrown here.
+/// Calls `work(i)` for i in [0, count). The first exception ends the rest and is thrown here;
+/// so does an interrupt.
 template <class Work>
 void parallel_for(std::size_t count, Work&& work) {
   const std::size_t threads =
@@ -22,6 +25,7 @@ void parallel_for(std::size_t count, Work&& work) {
   const auto run = [&] {
     for (std::size_t i; (i = next.fetch_add(1)) < count;) {
       try {
+        throw_if_interrupted();
         work(i);
       } catch (...) {
         const std::lock_guard lock(mutex);

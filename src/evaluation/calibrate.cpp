@@ -10,6 +10,7 @@
 
 #include "src/core/errors.h"
 #include "src/core/parallel.h"
+#include "src/record/sha256.h"
 #include "src/vision/pattern.h"
 
 namespace turntable {
@@ -85,10 +86,18 @@ std::vector<PlanePoint> plane_points(const RunRecord& record, const RunFolder& f
   std::vector<PlanePoint> points;
   for (const TakenPose& pose : record.poses) {
     if (!shows_a_plane(pose)) continue;
+    const bool archived = std::ranges::all_of(pose.images, [&](const TakenImage& image) {
+      return !image.file.empty() && std::filesystem::exists(folder.root() / image.file);
+    });
+    if (!archived) continue;
     const auto more = points_of(view_of(pose, folder, rig), rig.pattern.spacing_mm);
     points.insert(points.end(), more.begin(), more.end());
   }
   return points;
+}
+
+std::string calibration_source(const Plan& plan) {
+  return fmt::format("{} (plan {})", plan.name, sha256_hex(plan_text(plan)).substr(0, 12));
 }
 
 bool has_calibration_sweep(const Plan& plan) {
@@ -167,7 +176,7 @@ CalibrationResult calibrate(const RunRecord& record, const RunFolder& folder, co
   }
 
   Calibration& c = result.calibration;
-  c.source = record.plan.name;
+  c.source = calibration_source(record.plan);
   c.simulated = rig.simulated();
   c.irt = fit.model;
   c.sigma_mm = fit.sigma_mm;

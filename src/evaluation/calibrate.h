@@ -32,7 +32,11 @@ struct CalibrateOptions {
 CalibrationResult calibrate(const RunRecord& record, const RunFolder& folder, const RigFile& rig,
                             const CalibrateOptions& options = {});
 
-/// The circles of every plane, from the images, for figures of a calibration that is already there.
+/// What a calibration made from this plan's sweep names as its source.
+std::string calibration_source(const Plan& plan);
+
+/// The circles of every plane whose images are still there, for figures of a calibration made
+/// earlier.
 /// @throws as `calibrate`.
 std::vector<PlanePoint> plane_points(const RunRecord& record, const RunFolder& folder,
                                      const RigFile& rig);

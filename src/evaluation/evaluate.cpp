@@ -271,8 +271,9 @@ std::vector<RepeatStatistics> repeat_statistics(const Evaluation& evaluation) {
 std::size_t failed_results(const Evaluation& evaluation) {
   std::size_t failed = 0;
   for (const EvaluatedPose& pose : evaluation.poses)
-    failed += static_cast<std::size_t>(
-        std::ranges::count_if(pose.results, [](const PoseResult& r) { return !r.measured; }));
+    failed +=
+        (pose.missed ? 1 : 0) + static_cast<std::size_t>(std::ranges::count_if(
+                                    pose.results, [](const PoseResult& r) { return !r.measured; }));
   return failed;
 }
 

@@ -73,7 +73,8 @@ struct RepeatStatistics {
 };
 std::vector<RepeatStatistics> repeat_statistics(const Evaluation& evaluation);
 
-/// Measured poses without an attitude, over all solvers and poses; those decide the exit code.
+/// Results without an attitude, over all solvers and poses, and poses with an axis off its target;
+/// they decide the exit code.
 std::size_t failed_results(const Evaluation& evaluation);
 
 /// One row per pose and solver, units in the header. @throws RecordError.

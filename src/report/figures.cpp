@@ -62,10 +62,10 @@ std::string script_of(const Draft& draft) {
       draft.size, draft.figure.name, commands);
 }
 
-void residual_figures(const RunFolder& folder, const Calibration& calibration,
+void residual_figures(const RunFolder& folder, const Calibration& calibration, double spacing_mm,
                       const std::vector<PlanePoint>& points, std::vector<Draft>& drafts) {
   std::map<double, std::vector<const PlanePoint*>> planes;
-  for (const PlanePoint& p : points) planes[p.z_mm].push_back(&p);
+  for (const PlanePoint& p : points) planes[std::round(1000.0 * p.z_mm) / 1000.0].push_back(&p);
   for (const auto& [z, on_plane] : planes) {
     Csv csv({"column", "row", "x_mm", "y_mm", "z_mm", "u_px", "v_px", "residual_x_mm",
              "residual_y_mm", "residual_mm", "in_domain"});
@@ -83,7 +83,7 @@ void residual_figures(const RunFolder& folder, const Calibration& calibration,
       csv.end_row();
     }
     Draft draft;
-    draft.figure.name = fmt::format("figure10_residuals_{:.0f}mm", z);
+    draft.figure.name = fmt::format("figure10_residuals_{:g}mm", z);
     draft.figure.caption = fmt::format(
         "Residuals of the ray model on the plane at {:.3f} mm (as figure 10): arrows enlarged so "
         "that the longest, "
@@ -95,7 +95,7 @@ void residual_figures(const RunFolder& folder, const Calibration& calibration,
         "set palette defined (0 '#fff5e1', 0.5 '#E69F00', 1 '#8c2d04')\nset key off\nk = {}\n"
         "plot 'DATA' every ::1 using 3:4:($11 == 1 ? $8*k : 1/0):($9*k):10 with vectors head "
         "filled lw 1.5 lc palette\n",
-        largest > 0 ? 20.0 / largest : 1.0);
+        largest > 0 ? spacing_mm / largest : 1.0);
     csv.write(folder.figures() / (draft.figure.name + ".csv"));
     drafts.push_back(std::move(draft));
   }
@@ -199,10 +199,10 @@ void error_figure(const RunFolder& folder, const RunRecord& record, const Evalua
 
 std::vector<Figure> write_figures(const RunFolder& folder, const RunRecord& record,
                                   const Evaluation& evaluation, const Calibration& calibration,
-                                  const std::vector<PlanePoint>& points) {
+                                  const std::vector<PlanePoint>& points, double spacing_mm) {
   std::filesystem::create_directories(folder.figures());
   std::vector<Draft> drafts;
-  residual_figures(folder, calibration, points, drafts);
+  residual_figures(folder, calibration, spacing_mm, points, drafts);
   if (!evaluation.solvers.empty())
     for (std::size_t i = 0; i < record.plan.scenarios.size(); ++i) {
       if (record.plan.scenarios[i].kind != ScenarioKind::kAttitude) continue;

@@ -24,10 +24,11 @@ struct Figure {
 ///   figure14_<scenario>        errors against the angle, scenarios that turn one axis (figure 14)
 ///   figure15_<scenario>        error of every pose over pitch, roll and yaw, scenarios that turn
 ///   several (figures 15, 16)
-/// @param points the circles the calibration was made from; empty if it came from elsewhere.
+/// @param spacing_mm of the pattern. @param points the circles the calibration was made from; empty
+/// if it came from elsewhere.
 /// @throws RecordError.
 std::vector<Figure> write_figures(const RunFolder& folder, const RunRecord& record,
                                   const Evaluation& evaluation, const Calibration& calibration,
-                                  const std::vector<PlanePoint>& points);
+                                  const std::vector<PlanePoint>& points, double spacing_mm);
 
 }  // namespace turntable

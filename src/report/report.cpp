@@ -139,8 +139,8 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
                                    const RigFile& rig, const CalibrationResult& calibration,
                                    const Evaluation& evaluation) {
   const auto tables = write_tables(folder, record.plan, evaluation, calibration.calibration);
-  const auto figures =
-      write_figures(folder, record, evaluation, calibration.calibration, calibration.points);
+  const auto figures = write_figures(folder, record, evaluation, calibration.calibration,
+                                     calibration.points, rig.pattern.spacing_mm);
 
   std::string md =
       fmt::format("# {}\n\n", record.plan.title.empty() ? record.plan.name : record.plan.title);

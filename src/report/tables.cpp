@@ -139,12 +139,17 @@ std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan
   std::map<std::string, std::vector<Row>> ours;  // by table name
   std::map<std::string, std::string> titles;
   std::map<std::string, std::map<std::pair<std::size_t, int>, int>>
-      numbers;  // repeats numbered on over scenarios
+      numbers;                           // repeats numbered on over scenarios
+  std::map<std::string, int> published;  // number of the published table, by table name
   std::vector<std::string> order{"table3", "table4", "table5"};
   for (const RepeatStatistics& r : repeat_statistics(evaluation)) {
     const ScenarioInfo& scenario = plan.scenarios[r.scenario];
-    const std::string name =
-        scenario.table ? fmt::format("table{}", *scenario.table) : scenario.name;
+    // A scenario may be called what it likes; "table3" without belonging to it must not look like
+    // it.
+    const std::string name = scenario.table ? fmt::format("table{}", *scenario.table)
+                             : scenario.name.starts_with("table") ? "scenario_" + scenario.name
+                                                                  : scenario.name;
+    if (scenario.table) published[name] = *scenario.table;
     titles[name] = scenario.table ? fmt::format("Table {}: {}", *scenario.table,
                                                 published_table(*scenario.table).title)
                                   : scenario.title;
@@ -157,8 +162,8 @@ std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan
   for (const std::string& name : order) {
     if (!ours.contains(name)) continue;
     std::vector<Row> rows;
-    if (name.starts_with("table") && name.size() == 6)
-      for (const PublishedRow& p : published_table(name.back() - '0').rows)
+    if (published.contains(name))
+      for (const PublishedRow& p : published_table(published[name]).rows)
         rows.push_back(published_row(p));
     // By solver, then repeat, as the paper prints them.
     for (const Solver* solver : evaluation.solvers)

@@ -99,18 +99,29 @@ TEST(BadRig, IsRefusedWithThePlaceAndNothingHappens) {
 
 TEST(BadArguments, AreRefused) {
   for (const std::string arguments :
-       {"", "dance", "run", "run nowhere.json --rig scenarios/rigs/simulated.json",
-        "run scenarios/uniaxial_z.json", "run scenarios/uniaxial_z.json --rig nowhere.json",
+       {"",
+        "dance",
+        "run",
+        "run nowhere.json --rig scenarios/rigs/simulated.json",
+        "run scenarios/uniaxial_z.json",
+        "run scenarios/uniaxial_z.json --rig nowhere.json",
         "run scenarios/uniaxial_z.json --rig scenarios/rigs/simulated.json --solver magic",
         "run scenarios/uniaxial_z.json --rig scenarios/rigs/simulated.json --images some",
         "run scenarios/uniaxial_z.json --rig scenarios/rigs/simulated.json --calibration "
         "nowhere.json",
         "run scenarios/rigs/simulated.json --rig scenarios/rigs/simulated.json",
-        "run scenarios/uniaxial_z.json --rig scenarios/uniaxial_z.json", "evaluate /nowhere",
-        "evaluate .", "report /nowhere", "calibrate /nowhere",
+        "run scenarios/uniaxial_z.json --rig scenarios/uniaxial_z.json",
+        "evaluate /nowhere",
+        "evaluate .",
+        "report /nowhere",
+        "calibrate /nowhere",
         "calibrate scenarios/calibration_sweep.json",
-        "calibrate scenarios/calibrations/paper_table1.json --order 12", "simulate nowhere.json",
-        "plan scenarios/uniaxial_z.json"}) {
+        "calibrate scenarios/calibrations/paper_table1.json --order 12",
+        "simulate nowhere.json",
+        "plan scenarios/uniaxial_z.json",
+        "calibrate scenarios/uniaxial_z.json --rig scenarios/rigs/simulated.json",
+        "run scenarios/uniaxial_z.json --rig scenarios/rigs/simulated.json --calibration "
+        "scenarios/calibrations/paper_table1.json --solver posit"}) {
     const Outcome outcome = turntable_program(arguments);
     EXPECT_EQ(outcome.code, 2) << "turntable " << arguments << ": " << outcome.output;
     EXPECT_FALSE(outcome.output.empty());

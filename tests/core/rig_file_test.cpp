@@ -66,6 +66,7 @@ TEST(RigFile, EverySlipIsNamedWithItsPlace) {
       {"\"roll\": [0, 1, 0]", "\"roll\": [0, 1, 1]", "/gimbal/axes", "right angles"},
       {"\"format\": \"turntable-rig/1\"", "\"format\": \"turntable-scenario/1\"", "/format",
        "not a rig file"},
+      {"\"seed\": 20190511,", "\"seed\": 1, \"seed\": 2,", "", "\"seed\" stands twice"},
       {"\"nominal_focal_px\": 1945", "\"nominal_focal_px\": NaN", "", "not valid JSON at line"},
       {"\"nominal_focal_px\": 1945", "\"nominal_focal_px\": 1e999", "", "number overflow"},
   };
