@@ -29,7 +29,9 @@ std::string plug_into_pty(ControllerSimulator& simulator, const fs::path& link) 
 TcpSocket::TcpSocket(ControllerSimulator& simulator, std::uint16_t port, const std::string& address)
     : simulator_(&simulator), listener_(port, address) {}
 
-void TcpSocket::act(Time) {
+void TcpSocket::act(Time now) {
+  // A client that has just left makes room for the one that comes: both are seen in one poll.
+  if (simulator_->plugged()) simulator_->act(now);
   while (auto client = listener_.accept())
     if (!simulator_->plugged()) simulator_->plug(std::move(*client));
 }

@@ -68,6 +68,7 @@ class RealTime : public ::testing::Test {
   SystemClock clock;
   WireRecord wire;
   std::unique_ptr<sim::ControllerSimulator> simulator;
+  std::unique_ptr<sim::TcpSocket> socket;  // outlives the server thread, whatever a test throws
   std::unique_ptr<Controller> controller;
   std::thread server;
 };
@@ -80,12 +81,12 @@ TEST_F(RealTime, HomesAndMovesOverAPty) {
 }
 
 TEST_F(RealTime, HomesAndMovesOverTcp) {
-  sim::TcpSocket socket(*simulator, 0);
-  serve_in_background({&socket, simulator.get()});
+  socket = std::make_unique<sim::TcpSocket>(*simulator, 0);
+  serve_in_background({socket.get(), simulator.get()});
   LineConfig where;
   where.kind = LineConfig::Kind::kTcp;
   where.host = "127.0.0.1";
-  where.tcp_port = socket.port();
+  where.tcp_port = socket->port();
   open(open_line(where));
   home_and_move();
   controller.reset();
@@ -98,12 +99,12 @@ TEST_F(RealTime, HomesAndMovesOverTcp) {
 }
 
 TEST_F(RealTime, ServesOneTcpClientAtATime) {
-  sim::TcpSocket socket(*simulator, 0);
-  serve_in_background({&socket, simulator.get()});
+  socket = std::make_unique<sim::TcpSocket>(*simulator, 0);
+  serve_in_background({socket.get(), simulator.get()});
   LineConfig where;
   where.kind = LineConfig::Kind::kTcp;
   where.host = "127.0.0.1";
-  where.tcp_port = socket.port();
+  where.tcp_port = socket->port();
   open(open_line(where));
   controller->connect();
   Line second = open_line(where);
