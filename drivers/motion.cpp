@@ -7,6 +7,7 @@
 
 #include "src/core/errors.h"
 #include "src/core/interrupt.h"
+#include "src/core/motion_time.h"
 #include "src/core/stage_spec.h"
 
 namespace turntable {
@@ -68,31 +69,13 @@ void MotionAxis<Q>::check(Q target) const {
 }
 
 template <class Q>
-double MotionAxis<Q>::travel_seconds(double distance) const {
-  const double d = std::abs(distance);
-  const double v = config_.speed, a = config_.acceleration;
-  const double v0 = std::min(config_.initial_speed, v);
-  const double both_ramps = (v * v - v0 * v0) / a;
-  if (d >= both_ramps) return 2 * (v - v0) / a + (d - both_ramps) / v;
-  return 2 * (std::sqrt(v0 * v0 + a * d) - v0) / a;
-}
-
-template <class Q>
-bool MotionAxis<Q>::goes_direct(Q from, Q goal) const {
-  const double way = (goal - from).value * direction();
-  return config_.backlash == 0.0 || (way >= 0 && way <= std::abs(config_.backlash));
-}
-
-template <class Q>
 double MotionAxis<Q>::move_seconds(Q from, Q to) const {
-  if (same_pulse(from, to)) return 0.0;
-  if (goes_direct(from, to)) return travel_seconds((to - from).value);
-  return travel_seconds((to - from).value - config_.backlash) + travel_seconds(config_.backlash);
+  return same_pulse(from, to) ? 0.0 : turntable::move_seconds(config_, from.value, to.value);
 }
 
 template <class Q>
 double MotionAxis<Q>::deadline_seconds(Q distance) const {
-  return 1.2 * travel_seconds(distance.value) + timing_.margin + timing_.reply_timeout;
+  return 1.2 * trapezoid_seconds(config_, distance.value) + timing_.margin + timing_.reply_timeout;
 }
 
 template <class Q>
@@ -221,7 +204,8 @@ template <class Q>
 void MotionAxis<Q>::begin_approach(Q from) {
   // A short move in the final direction needs no overshoot, provided that the one before ended like
   // that too.
-  const bool direct = goes_direct(from, move_.goal) && (approach_known_ || config_.backlash == 0.0);
+  const bool direct = !takes_overshoot(config_, from.value, move_.goal.value) &&
+                      (approach_known_ || config_.backlash == 0.0);
   approach_known_ = false;
   if (direct) return begin_leg(from, move_.goal);
   arrival_.overshot = true;

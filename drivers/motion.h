@@ -103,12 +103,9 @@ class MotionAxis final : public Axis<Q> {
     unsigned generation = 0;
   };
 
-  double travel_seconds(double distance) const;
   double stall_seconds() const;
-  double direction() const { return config_.backlash > 0 ? 1.0 : -1.0; }
   bool same_pulse(Q a, Q b) const { return scale_.to_steps(a) == scale_.to_steps(b); }
   bool within(Q a, Q b) const { return abs(a - b).value <= config_.tolerance + 1e-9; }
-  bool goes_direct(Q from, Q goal) const;
   Q goal_on_grid(Q target) const;
   std::string shown(Q q) const;
   void throw_if_stopped(unsigned generation) const;

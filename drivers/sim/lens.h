@@ -1,11 +1,10 @@
 // A lens as glass makes them, for rendering: no camera model under test contains it exactly (no
-// inverse crime).
-//   (X, Y, Z) camera frame -> tangents through a pupil at z = w theta^2 -> radial + decentring ->
-//   tilted sensor -> px
-//     x = X / (Z - w theta^2),  y likewise,  theta = atan |(x, y)| (walking entrance pupil) x_d = x
-//     (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), y_d likewise    (Conrady 1919)
-//     x_s = x_d / (1 + x_d tan a + y_d tan b),  u = c_u + f x_s,  v likewise                (sensor
-//     tilt a, b)
+// inverse crime). Camera frame -> tangents through a walking entrance pupil at z = w theta^2 ->
+// radial and decentring distortion (Conrady 1919) -> tilted sensor -> pixels:
+//   x   = X / (Z - w theta^2),  y likewise,  theta = atan |(x, y)|
+//   x_d = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2),  y_d likewise
+//   x_s = x_d / (1 + x_d tan a + y_d tan b),  y_s likewise  (sensor tilt a, b)
+//   u   = c_u + f x_s,  v = c_v + f y_s
 #pragma once
 
 #include <Eigen/Core>

@@ -8,8 +8,8 @@
 #include <set>
 #include <tuple>
 
-#include "src/campaign/motion_time.h"
 #include "src/core/errors.h"
+#include "src/core/motion_time.h"
 #include "src/geometry/gimbal.h"
 #include "src/record/csv.h"
 

@@ -1,6 +1,6 @@
 // Imaging ray-tracking model (IRT): a camera as two polynomial maps from pixel to plane.
-//   x_p(u, v) = sum_{r+s<=q} C^p_rs u^r v^s,   y_p = sum D^p_rs u^r v^s,   p in {a, b}     (paper
-//   eq. 1, 3, 4)
+//   x_p(u, v) = sum_{r+s<=q} C^p_rs u^r v^s,   y_p = sum D^p_rs u^r v^s,   p in {a, b}
+// (paper eq. 1, 3, 4).
 // The fit is linear. It is done in products of Legendre polynomials of pixels normalised to [-1,
 // 1], where the normal equations stay well conditioned (raw pixels at q = 5: 1e16), by QR, which
 // reaches the least-squares solution that the paper reaches by Levenberg-Marquardt. Raw monomials

@@ -6,8 +6,8 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "src/campaign/motion_time.h"
 #include "src/core/errors.h"
+#include "src/core/motion_time.h"
 #include "tests/support/temporary_folder.h"
 
 namespace turntable {

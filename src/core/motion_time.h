@@ -1,7 +1,8 @@
 // Time and way of a move, from a rig file alone: plans are made without devices.
-//   distance d, start speed v0, speed v, acceleration a; ramps take (v - v0)/a and (v^2 -
-//   v0^2)/(2a) each d >= both ramps: t = 2 (v - v0)/a + (d - (v^2 - v0^2)/a)/v       else: peak^2 =
-//   v0^2 + a d, t = 2 (peak - v0)/a
+//   distance d, start speed v0, speed v, acceleration a; both ramps together take r = (v^2 - v0^2)/a
+//   d >= r:  t = 2 (v - v0)/a + (d - r)/v
+//   d <  r:  peak^2 = v0^2 + a d,  t = 2 (peak - v0)/a
+// Used by the motion loop for its deadlines and by the plan for its estimate.
 #pragma once
 
 #include "src/core/rig_file.h"

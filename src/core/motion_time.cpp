@@ -1,5 +1,6 @@
-#include "src/campaign/motion_time.h"
+#include "src/core/motion_time.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace turntable {
