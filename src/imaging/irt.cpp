@@ -6,6 +6,7 @@
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "src/core/errors.h"
 
@@ -98,6 +99,27 @@ std::vector<Vector2d> convex_hull(std::vector<Vector2d> p) {
     std::ranges::reverse(p);
   }
   return hull;
+}
+
+/// The part of a convex polygon inside another one, both counter-clockwise (Sutherland & Hodgman 1974).
+std::vector<Vector2d> intersection(std::vector<Vector2d> polygon,
+                                   const std::vector<Vector2d>& clip) {
+  for (std::size_t i = 0; i < clip.size(); ++i) {
+    const Vector2d edge = clip[(i + 1) % clip.size()] - clip[i];
+    const auto inside = [&](const Vector2d& p) {
+      return edge.x() * (p - clip[i]).y() - edge.y() * (p - clip[i]).x();
+    };
+    std::vector<Vector2d> kept;
+    for (std::size_t k = 0; k < polygon.size(); ++k) {
+      const Vector2d &here = polygon[k], &next = polygon[(k + 1) % polygon.size()];
+      const double a = inside(here), b = inside(next);
+      if (a >= 0) kept.push_back(here);
+      if ((a > 0 && b < 0) || (a < 0 && b > 0))
+        kept.push_back(here + (next - here) * (a / (a - b)));
+    }
+    polygon = std::move(kept);
+  }
+  return polygon;
 }
 
 double median(std::vector<double> v) {
@@ -280,10 +302,12 @@ IrtFit fit_irt(std::span<const PlanePoint> points, RayPlanes planes, int order, 
     const Eigen::MatrixX2d solution = qr.solve(rhs);
     Eigen::MatrixX4d c(terms, 4);
     c << solution.topRows(terms), solution.bottomRows(terms);
-    std::vector<Vector2d> pixels;
+    std::map<double, std::vector<Vector2d>> pixels;  // by height
     for (std::size_t i = 0; i < points.size(); ++i)
-      if (use[i]) pixels.push_back(points[i].pixel_px);
-    fit.model = IrtModel(size, planes, order, c, convex_hull(pixels));
+      if (use[i]) pixels[points[i].z_mm].push_back(points[i].pixel_px);
+    std::vector<Vector2d> domain = convex_hull(pixels.begin()->second);
+    for (const auto& [z, on_plane] : pixels) domain = intersection(domain, convex_hull(on_plane));
+    fit.model = IrtModel(size, planes, order, c, domain);
     fit.points = static_cast<int>(used);
     fit.sigma_mm =
         (A * solution - rhs).norm() /

@@ -9,8 +9,8 @@
 //   q           order            r, s   powers of u, v
 //   C, D        columns 0, 2 (x on a, b) and 1, 3 (y on a, b) of the coefficients
 // Points on more than two planes all enter: x(z) = x_a + (x_b - x_a) (z - a) / (b - a), linear in
-// the coefficients. Units: px, mm. Domain: the convex hull of the calibrated pixels; `in_domain`
-// tells, `ray` answers everywhere.
+// the coefficients. Units: px, mm. Domain: the pixels inside the convex hull of the calibrated
+// ones on every fitted plane; `in_domain` tells, `ray` answers everywhere.
 #pragma once
 
 #include <Eigen/Core>

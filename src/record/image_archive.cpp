@@ -127,12 +127,6 @@ std::string encode_png(ImageView image) {
   }
 }
 
-std::string write_image(const std::filesystem::path& file, ImageView image) {
-  const std::string bytes = encode_png(image);
-  write_atomically(file, bytes);
-  return sha256_hex(bytes);
-}
-
 Image load_image(const std::filesystem::path& file, std::string_view sha256) {
   std::string bytes = read_text(file);
   if (const std::string wrong = complaint(bytes); !wrong.empty())

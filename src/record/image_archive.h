@@ -36,9 +36,6 @@ Image keep_regions(ImageView image, std::span<const Region> regions, int margin_
 /// The bytes of a PNG file. @throws RecordError if encoding fails.
 std::string encode_png(ImageView image);
 
-/// Encodes and writes atomically. @return SHA-256 of the file's bytes. @throws RecordError.
-std::string write_image(const std::filesystem::path& file, ImageView image);
-
 /// Reads an 8-bit grey PNG. The file is checked chunk by chunk before it is decoded, so a truncated
 /// or altered one is never taken for a dark image. @param sha256 if not empty, the file's bytes
 /// must have this hash.

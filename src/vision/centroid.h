@@ -18,12 +18,13 @@ struct Centroid {
 
 /// Centre of mass of the contrast  w = (grey - ground) * sign  over the component's box widened by
 /// `margin_px`.
-///   ground = median of the rim of the widened box; noise = its standard deviation about the median
-///   (from the MAD) w < 2 noise counts as ground, so that the many empty pixels add no noise
+///   ground  = median of the rim of the widened box
+///   noise   = standard deviation of the rim, from its quartiles
+///   w < 2 noise counts as ground, so that the many empty pixels add no noise
 ///   sigma^2 = noise^2 sum |x - centre|^2 / (2 (sum w)^2)
 /// Unbiased for a region of even brightness under any symmetric point spread; weights are linear in
-/// grey, so no threshold enters the centre. @return false if the widened box leaves the image or
-/// there is no contrast.
+/// grey, and the threshold that found the component does not enter the centre.
+/// @return false if the widened box leaves the image or there is no contrast.
 bool contrast_centroid(ImageView image, const Component& component, bool bright, int margin_px,
                        Centroid& out);
 

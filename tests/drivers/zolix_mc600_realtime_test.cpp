@@ -32,6 +32,16 @@ class RealTime : public ::testing::Test {
   void serve_in_background(std::vector<Actor*> actors) {
     server = std::thread([this, actors] { serve(clock, actors); });
   }
+  /// @return where to connect to.
+  LineConfig serve_over_tcp() {
+    socket = std::make_unique<sim::TcpSocket>(*simulator, 0);
+    serve_in_background({socket.get(), simulator.get()});
+    LineConfig where;
+    where.kind = LineConfig::Kind::kTcp;
+    where.host = "127.0.0.1";
+    where.tcp_port = socket->port();
+    return where;
+  }
   void end_serving() {
     if (!server.joinable()) return;
     set_interrupt_level(1);
@@ -81,12 +91,7 @@ TEST_F(RealTime, HomesAndMovesOverAPty) {
 }
 
 TEST_F(RealTime, HomesAndMovesOverTcp) {
-  socket = std::make_unique<sim::TcpSocket>(*simulator, 0);
-  serve_in_background({socket.get(), simulator.get()});
-  LineConfig where;
-  where.kind = LineConfig::Kind::kTcp;
-  where.host = "127.0.0.1";
-  where.tcp_port = socket->port();
+  const LineConfig where = serve_over_tcp();
   open(open_line(where));
   home_and_move();
   controller.reset();
@@ -99,12 +104,7 @@ TEST_F(RealTime, HomesAndMovesOverTcp) {
 }
 
 TEST_F(RealTime, ServesOneTcpClientAtATime) {
-  socket = std::make_unique<sim::TcpSocket>(*simulator, 0);
-  serve_in_background({socket.get(), simulator.get()});
-  LineConfig where;
-  where.kind = LineConfig::Kind::kTcp;
-  where.host = "127.0.0.1";
-  where.tcp_port = socket->port();
+  const LineConfig where = serve_over_tcp();
   open(open_line(where));
   controller->connect();
   Line second = open_line(where);

@@ -112,6 +112,22 @@ TEST(Irt, MonomialsAreTheSameModelCountedEitherWay) {
   }
 }
 
+TEST(Irt, DomainIsWhereEveryFittedPlaneWasSeen) {
+  // A pattern smaller than the view spreads over more pixels on the nearer plane.
+  std::vector<PlanePoint> points;
+  double reach[2] = {0, 0};
+  for (const PlanePoint& p : points_of({130, 180}, 0.0)) {
+    if (p.on_plane_mm.cwiseAbs().maxCoeff() > 80) continue;
+    points.push_back(p);
+    double& r = reach[p.z_mm > 150];
+    r = std::max(r, p.pixel_px.x());
+  }
+  ASSERT_GT(reach[1], reach[0] + 10);
+  const IrtModel model = fit_irt(points, {130, 180}, 3, kSize).model;
+  EXPECT_TRUE(model.in_domain({reach[0] - 5, 512}));
+  EXPECT_FALSE(model.in_domain({0.5 * (reach[0] + reach[1]), 512}));
+}
+
 TEST(Irt, DomainIsTheHullOfTheCalibratedPixels) {
   const IrtModel model = fit_irt(points_of({130, 180}, 0.0), {130, 180}, 5, kSize).model;
   EXPECT_TRUE(model.in_domain({512, 512}));

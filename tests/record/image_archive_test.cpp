@@ -6,6 +6,7 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "src/core/errors.h"
+#include "src/record/atomic_file.h"
 #include "src/record/sha256.h"
 #include "tests/support/draws.h"
 #include "tests/support/file_size_limit.h"
@@ -28,6 +29,13 @@ std::string complaint_about(const std::filesystem::path& file, std::string_view 
     EXPECT_THAT(e.what(), HasSubstr(file.string()));
     return e.what();
   }
+}
+
+/// As the archive does it: encode, write atomically, keep the hash.
+std::string write_image(const std::filesystem::path& file, ImageView image) {
+  const std::string png = encode_png(image);
+  write_atomically(file, png);
+  return sha256_hex(png);
 }
 
 TEST(ImageArchive, GivesBackEveryPixel) {
