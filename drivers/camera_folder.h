@@ -3,23 +3,22 @@
 #pragma once
 
 #include <filesystem>
-#include <functional>
+#include <memory>
 #include <set>
 
-#include "src/core/camera.h"
+#include "drivers/camera.h"
 
 namespace turntable {
 
+/// @throws ConfigError if the folder is none.
+std::unique_ptr<Camera> open_folder_camera(CameraSetup setup);
+
 class FolderCamera final : public Camera {
  public:
-  using Loader = std::function<Image(const std::filesystem::path&)>;
-
-  /// @param load reads an image file; @throws ConfigError if `folder` is not a folder.
-  FolderCamera(Clock& clock, std::filesystem::path folder, bool replay, ImageSize size,
-               double frame_timeout_s, Loader load);
+  explicit FolderCamera(CameraSetup setup);
 
   std::string identity() const override;
-  ImageSize image_size() const override { return size_; }
+  ImageSize image_size() const override { return config_.image_size; }
   /// Waits for a .png file that was not there before (in replay: was not returned before) and has
   /// stopped growing; the first by name. @throws TimeoutError; DeviceError for a file that is no
   /// image, or of another size.
@@ -29,12 +28,9 @@ class FolderCamera final : public Camera {
   std::filesystem::path next_file() const;
   void ignore_present_files();
 
-  Clock& clock_;
-  std::filesystem::path folder_;
-  bool replay_;
-  ImageSize size_;
-  double frame_timeout_s_;
-  Loader load_;
+  CameraConfig config_;
+  Clock* clock_;
+  std::function<Image(const std::filesystem::path&)> load_;
   std::set<std::filesystem::path> spent_;  ///< returned, or there before the trigger
   std::uint64_t next_id_ = 0;
 };

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cassert>
 
+#include "drivers/camera_folder.h"
 #include "drivers/zolix_mc600.h"
 #include "protocols/serial.h"
 #include "protocols/tcp.h"
@@ -18,29 +19,50 @@ constexpr ControllerModel kControllers[] = {
     {"zolix-mc600", 19200, open_zolix_mc600},
 };
 
+constexpr CameraModel kCameras[] = {
+    // model   opens
+    {"folder", open_folder_camera},
+};
+
 constexpr Time kConnectTimeout = std::chrono::seconds{5};
+
+/// The row of a table with that model. @throws ConfigError at `pointer` that lists the others.
+template <class Row, std::size_t N>
+const Row& row_of(const Row (&table)[N], std::string_view model, const std::string& pointer) {
+  const Row* row = std::ranges::find(table, model, &Row::model);
+  if (row != std::end(table)) return *row;
+  std::string known;
+  for (const Row& other : table)
+    known += fmt::format("{}{}", known.empty() ? "" : ", ", other.model);
+  throw ConfigError("rig", pointer, fmt::format("found \"{}\", allowed: {}.", model, known));
+}
 
 }  // namespace
 
 std::span<const ControllerModel> controller_models() { return kControllers; }
+std::span<const CameraModel> camera_models() { return kCameras; }
 
 std::unique_ptr<Controller> open_controller(ControllerSetup setup) {
-  const std::string& model = setup.controller.model;
-  const auto* row = std::ranges::find(kControllers, model, &ControllerModel::model);
-  if (row == std::end(kControllers)) {
-    std::string known;
-    for (const auto& c : kControllers)
-      known += fmt::format("{}{}", known.empty() ? "" : ", ", c.model);
-    throw ConfigError("rig", fmt::format("/controllers/{}/model", setup.controller.name),
-                      fmt::format("found \"{}\", allowed: {}.", model, known));
-  }
-  return row->open(std::move(setup));
+  const ControllerModel& row = row_of(kControllers, setup.controller.model,
+                                      fmt::format("/controllers/{}/model", setup.controller.name));
+  return row.open(std::move(setup));
 }
 
-Line open_line(const LineConfig& config) {
-  if (config.kind == LineConfig::Kind::kSerial) return open_serial(config.serial_port, config.baud);
-  assert(config.kind == LineConfig::Kind::kTcp);  // a simulated line is one end of a line_pair
-  return open_tcp(config.host, config.tcp_port, kConnectTimeout);
+Line open_line(const ControllerConfig& controller) {
+  const LineConfig& line = controller.line;
+  if (line.kind == LineConfig::Kind::kSerial) {
+    const ControllerModel& row = row_of(kControllers, controller.model,
+                                        fmt::format("/controllers/{}/model", controller.name));
+    return open_serial(line.serial_port, line.baud != 0 ? line.baud : row.default_baud, line.parity,
+                       line.stop_bits);
+  }
+  assert(line.kind != LineConfig::Kind::kSimulated);  // that is one end of a line_pair
+  return open_tcp(line.host, line.tcp_port, kConnectTimeout);
+}
+
+std::unique_ptr<Camera> open_camera(CameraSetup setup) {
+  const CameraModel& row = row_of(kCameras, setup.config.model, "/camera/model");
+  return row.open(std::move(setup));
 }
 
 }  // namespace turntable

@@ -1,11 +1,12 @@
-// Controllers by model name. A new one is a file pair beside this and one row here; its simulator
-// is the same in drivers/sim, and a test asserts that the two tables agree.
+// Controllers and cameras by model name. A new one is a file pair beside this and one row here; a
+// controller's simulator is the same in drivers/sim, and a test asserts that the two tables agree.
 #pragma once
 
 #include <memory>
 #include <span>
 #include <string_view>
 
+#include "drivers/camera.h"
 #include "drivers/controller.h"
 
 namespace turntable {
@@ -21,8 +22,19 @@ std::span<const ControllerModel> controller_models();
 /// @throws ConfigError for an unknown model or channel.
 std::unique_ptr<Controller> open_controller(ControllerSetup setup);
 
-/// Opens a serial or TCP line (a simulated one has two ends: `line_pair`). @throws LineError,
-/// TimeoutError.
-Line open_line(const LineConfig& config);
+/// Opens a controller's serial or TCP line (a simulated one has two ends: `line_pair`).
+/// @throws LineError, TimeoutError.
+Line open_line(const ControllerConfig& controller);
+
+struct CameraModel {
+  std::string_view model;
+  std::unique_ptr<Camera> (*open)(CameraSetup);
+};
+
+std::span<const CameraModel> camera_models();
+
+/// @throws ConfigError for an unknown model, DeviceError if the camera is not there or cannot be
+/// set up as the rig file says.
+std::unique_ptr<Camera> open_camera(CameraSetup setup);
 
 }  // namespace turntable

@@ -42,7 +42,8 @@ Line open_pty(const std::string& path) {
   return line;
 }
 
-Line open_port(const std::string& path, const std::string& shown, int baud) {
+Line open_port(const std::string& path, const std::string& shown, int baud, Parity parity,
+               int stop_bits) {
   const auto last_error = [] {
     char* text = sp_last_error_message();
     std::string message = text != nullptr ? text : "unknown error";
@@ -66,8 +67,10 @@ Line open_port(const std::string& path, const std::string& shown, int baud) {
   check(sp_open(raw, SP_MODE_READ_WRITE));
   check(sp_set_baudrate(raw, baud));
   check(sp_set_bits(raw, 8));
-  check(sp_set_parity(raw, SP_PARITY_NONE));
-  check(sp_set_stopbits(raw, 1));
+  check(sp_set_parity(raw, parity == Parity::kEven  ? SP_PARITY_EVEN
+                           : parity == Parity::kOdd ? SP_PARITY_ODD
+                                                    : SP_PARITY_NONE));
+  check(sp_set_stopbits(raw, stop_bits));
   check(sp_set_flowcontrol(raw, SP_FLOWCONTROL_NONE));
   check(sp_flush(raw, SP_BUF_BOTH));
   int fd = -1;
@@ -78,11 +81,12 @@ Line open_port(const std::string& path, const std::string& shown, int baud) {
 
 }  // namespace
 
-Line open_serial(const std::string& path, int baud) {
+Line open_serial(const std::string& path, int baud, Parity parity, int stop_bits) {
   std::error_code error;
   const std::string real = std::filesystem::canonical(path, error);
   if (error) fail(path, error.message());
-  return real.starts_with("/dev/pts/") ? open_pty(real) : open_port(real, path, baud);
+  return real.starts_with("/dev/pts/") ? open_pty(real)
+                                       : open_port(real, path, baud, parity, stop_bits);
 }
 
 Pty make_pty() {

@@ -4,14 +4,15 @@
 #include <string>
 
 #include "protocols/line.h"
+#include "src/core/rig_file.h"
 
 namespace turntable {
 
-/// Opens `path` with 8 data bits, no parity, 1 stop bit, no flow control. Symbolic links are
-/// followed. A pty is opened raw through termios, because libserialport knows only ports listed by
+/// Opens `path` with 8 data bits, without flow control. Symbolic links are followed. A pty is opened raw through termios, because libserialport knows only ports listed by
 /// the kernel.
 /// @param baud bits per second; has no effect on a pty. @throws LineError.
-Line open_serial(const std::string& path, int baud);
+Line open_serial(const std::string& path, int baud, Parity parity = Parity::kNone,
+                 int stop_bits = 1);
 
 /// A new pty whose far end any program may open as if it were a serial port.
 struct Pty {

@@ -7,7 +7,6 @@
 #include <fstream>
 #include <iostream>
 
-#include "drivers/camera_folder.h"
 #include "drivers/catalog.h"
 #include "drivers/sim/camera.h"
 #include "drivers/sim/catalog.h"
@@ -85,10 +84,6 @@ Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
         file.file, "/controllers",
         "mixes simulated and real lines, which keep different time. Serve the simulated ones with "
         "\"turntable simulate\" and name their ports here.");
-  if (file.camera.model != "simulated" && file.camera.model != "folder")
-    throw ConfigError(file.file, "/camera/model",
-                      fmt::format("found \"{}\", allowed: simulated, folder.", file.camera.model));
-
   Rig rig;
   rig.simulated = file.simulated();
   ManualClock* manual = nullptr;
@@ -122,7 +117,7 @@ Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
       manual->attach(*simulator);
       rig.owned.push_back(simulator);
     } else {
-      near_end.emplace(open_line(config.line));
+      near_end.emplace(open_line(config));
     }
     if (wire_log)
       near_end->set_log(
@@ -185,9 +180,11 @@ Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
     rig.owned.push_back(world);
     rig.owned.push_back(camera);
   } else {
-    auto camera = std::make_shared<FolderCamera>(
-        *rig.clock, file.camera.folder, file.camera.replay, file.camera.image_size,
-        file.camera.frame_timeout_s, [](const std::filesystem::path& f) { return load_image(f); });
+    const std::shared_ptr<Camera> camera =
+        open_camera({file.camera,
+                     rig.clock,
+                     [](const std::filesystem::path& image) { return load_image(image); },
+                     {}});
     rig.camera = camera.get();
     rig.owned.push_back(camera);
     rig.mount =

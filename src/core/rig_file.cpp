@@ -39,7 +39,7 @@ class Reader {
     read_controllers(rig);
     for (const AxisId id : kAllAxes) rig.axes[id] = axis(rig, id);
     check_channels(rig);
-    rig.camera = camera();
+    rig.camera = camera(rig);
     rig.gimbal = gimbal();
     rig.pattern = pattern();
     if ((rig.gimbal.centre_at_stage_zero_mm + rig.pattern.offset_mm).norm() > 1e-6)
@@ -71,18 +71,60 @@ class Reader {
       controller.name = key;
       controller.model = c.at("model");
       controller.reply_timeout_s = c.value("reply_timeout_ms", 1000.0) / 1000.0;
-      const Json& line = c.at("line");
-      if (line.contains("serial")) {
-        controller.line.kind = LineConfig::Kind::kSerial;
-        controller.line.serial_port = line.at("serial").at("port");
-        controller.line.baud = line.at("serial").value("baud", 19200);
-      } else if (line.contains("tcp")) {
-        controller.line.kind = LineConfig::Kind::kTcp;
-        controller.line.host = line.at("tcp").at("host");
-        controller.line.tcp_port = line.at("tcp").at("port");
-      }
+      controller.address = c.value("address", 1);
+      controller.answers_while_moving = c.value("answers_while_moving", true);
+      controller.line = line(c.at("line"));
+      if (c.contains("outputs"))
+        for (const auto& [name, output] : c.at("outputs").items())
+          controller.outputs.push_back(read_output(key, name, output, controller.address));
       rig.controllers.push_back(std::move(controller));
     }
+  }
+
+  static LineConfig line(const Json& l) {
+    LineConfig line;
+    if (l.contains("serial")) {
+      const Json& serial = l.at("serial");
+      line.kind = LineConfig::Kind::kSerial;
+      line.serial_port = serial.at("port");
+      line.baud = serial.value("baud", 0);
+      const std::string parity = serial.value("parity", "none");
+      line.parity = parity == "even"  ? Parity::kEven
+                    : parity == "odd" ? Parity::kOdd
+                                      : Parity::kNone;
+      line.stop_bits = serial.value("stop_bits", 1);
+    }
+    for (const auto& [key, kind] : {std::pair("tcp", LineConfig::Kind::kTcp),
+                                    std::pair("modbus_tcp", LineConfig::Kind::kModbusTcp)}) {
+      if (!l.contains(key)) continue;
+      line.kind = kind;
+      line.host = l.at(key).at("host");
+      line.tcp_port = l.at(key).at("port");
+    }
+    return line;
+  }
+
+  OutputConfig read_output(const std::string& controller, const std::string& name, const Json& o,
+                           int slave) const {
+    OutputConfig output;
+    output.name = name;
+    output.pulse_s = o.value("pulse_ms", 10.0) / 1000.0;
+    const std::string at = fmt::format("/controllers/{}/outputs/{}", controller, name);
+    const bool text = o.at("on").is_string();
+    if (o.at("off").is_string() != text || o.contains("register") == text)
+      fail(at,
+           "found a mixture, allowed: \"on\" and \"off\" as texts that the controller "
+           "understands, or \"register\" with \"on\" and \"off\" as numbers.");
+    if (text) {
+      output.on_text = o.at("on");
+      output.off_text = o.at("off");
+    } else {
+      output.register_at = o.at("register").get<int>();
+      output.slave = o.value("slave", slave);
+      output.on_value = o.at("on");
+      output.off_value = o.at("off");
+    }
+    return output;
   }
 
   AxisConfig axis(const RigFile& rig, AxisId id) const {
@@ -184,20 +226,84 @@ class Reader {
     }
   }
 
-  CameraConfig camera() const {
+  CameraConfig camera(const RigFile& rig) const {
     const Json& c = json_.at("camera");
     CameraConfig camera;
     camera.model = c.at("model");
+    // A key that its model does not look at would mislead.
+    const auto only_for = [&](std::initializer_list<const char*> keys,
+                              std::initializer_list<std::string_view> models) {
+      for (const char* key : keys)
+        if (c.contains(key) && std::ranges::find(models, camera.model) == models.end())
+          fail(fmt::format("/camera/{}", key),
+               fmt::format("found with camera model \"{}\", which does not use it. Remove it.",
+                           camera.model));
+    };
+    only_for({"folder", "replay", "files", "order", "layout"}, {"folder"});
+    only_for({"simulated", "packet_bytes"}, {"gige"});
+    only_for({"device", "exposure_us", "gain"}, {"gige", "usb"});
+    only_for({"pixel_format", "offset_px"}, {"gige"});
+    only_for({"stale_frames"}, {"usb"});
+    only_for({"trigger"}, {"gige", "simulated"});
+
+    camera.device = c.value("device", "");
+    camera.simulated = c.contains("simulated");
+    if (camera.simulated && !camera.device.empty())
+      fail("/camera/device", "is meaningless for a camera that this program serves itself.");
+    if (camera.model == "usb" && camera.device.empty())
+      fail("/camera/device",
+           "is missing: camera model \"usb\" needs a device such as /dev/video0, or a video file.");
+    camera.pixel_format = c.value("pixel_format", camera.pixel_format);
+    if (c.contains("exposure_us")) camera.exposure_us = number(c.at("exposure_us"));
+    if (c.contains("gain")) camera.gain = number(c.at("gain"));
+    if (c.contains("offset_px")) camera.offset_px = c.at("offset_px").get<std::array<int, 2>>();
+    camera.packet_bytes = c.value("packet_bytes", 0);
+    camera.stale_frames = c.value("stale_frames", camera.stale_frames);
+    if (c.contains("trigger")) camera.trigger = trigger(rig, c.at("trigger"));
+
     if (c.contains("folder")) camera.folder = folder_ / c.at("folder").get<std::string>();
     if (camera.model == "folder" && camera.folder.empty())
       fail("/camera/folder", "is missing: camera model \"folder\" needs the folder of the images.");
     camera.replay = c.value("replay", false);
+    camera.files = c.value("files", camera.files);
+    const std::string order = c.value("order", "name");
+    camera.order = order == "natural" ? FileOrder::kNatural
+                   : order == "time"  ? FileOrder::kTime
+                                      : FileOrder::kName;
+    camera.layout = c.value("layout", "");
+    if (!camera.layout.empty() && !camera.replay)
+      fail("/camera/layout", "says where images taken earlier are: it needs \"replay\": true.");
+
     camera.image_size = {c.at("image_size_px").at(0), c.at("image_size_px").at(1)};
     camera.frame_timeout_s = c.value("frame_timeout_ms", 2000.0) / 1000.0;
     camera.retries = c.value("retries", 2);
     camera.nominal_focal_px = c.at("nominal_focal_px");
     camera.nominal_height_mm = c.at("nominal_height_mm");
     return camera;
+  }
+
+  TriggerConfig trigger(const RigFile& rig, const Json& t) const {
+    TriggerConfig trigger;
+    if (t.at("source") == "software") {
+      if (t.size() > 1)
+        fail("/camera/trigger", "found more than \"source\": a software trigger has no wiring.");
+      return trigger;
+    }
+    trigger.source = TriggerConfig::Source::kLine;
+    trigger.line = t.value("line", trigger.line);
+    trigger.rising = t.value("activation", "rising") == "rising";
+    if (!t.contains("output")) return trigger;
+    trigger.controller = t.at("output").at("controller");
+    trigger.output = t.at("output").at("name");
+    for (const ControllerConfig& controller : rig.controllers)
+      if (controller.name == trigger.controller &&
+          std::ranges::find(controller.outputs, trigger.output, &OutputConfig::name) !=
+              controller.outputs.end())
+        return trigger;
+    fail("/camera/trigger/output",
+         fmt::format("found output \"{}\" of controller \"{}\", which this file does not describe. "
+                     "Add it to /controllers/{}/outputs.",
+                     trigger.output, trigger.controller, trigger.controller));
   }
 
   GimbalConfig gimbal() const {
@@ -413,7 +519,7 @@ const ControllerConfig& RigFile::controller(const std::string& controller_name) 
 }
 
 bool RigFile::simulated() const {
-  return camera.model == "simulated" ||
+  return camera.model == "simulated" || camera.simulated ||
          std::ranges::any_of(controllers, [](const ControllerConfig& c) {
            return c.line.kind == LineConfig::Kind::kSimulated;
          });

@@ -31,12 +31,28 @@ std::string_view axis_unit(AxisId axis);  ///< "mm" or "deg"
 enum class Payload { kCirclePattern, kLedTarget };
 std::string_view payload_name(Payload payload);
 
+enum class Parity { kNone, kEven, kOdd };
+
 struct LineConfig {
-  enum class Kind { kSimulated, kSerial, kTcp } kind = Kind::kSimulated;
+  /// kTcp: a serial server, the controller's own bytes. kModbusTcp: a Modbus gateway.
+  enum class Kind { kSimulated, kSerial, kTcp, kModbusTcp } kind = Kind::kSimulated;
   std::string serial_port;
-  int baud = 19200;
+  int baud = 0;  ///< 0 = what the controller model usually has
+  Parity parity = Parity::kNone;
+  int stop_bits = 1;
   std::string host;
   std::uint16_t tcp_port = 0;
+};
+
+/// A digital output of a controller that fires the camera. No protocol page at hand documents one,
+/// so what switches it is the rig file's business: a line of text, or a holding register.
+struct OutputConfig {
+  std::string name;
+  std::string on_text, off_text;   ///< of controllers that speak text
+  std::optional<int> register_at;  ///< wire address, of controllers that speak Modbus
+  int slave = 1;
+  std::uint16_t on_value = 1, off_value = 0;
+  double pulse_s = 0.01;
 };
 
 struct ControllerConfig {
@@ -44,6 +60,9 @@ struct ControllerConfig {
   std::string model;  ///< row of the controller catalogue
   LineConfig line;
   double reply_timeout_s = 1.0;
+  int address = 1;                   ///< Modbus slave of a controller that is one slave
+  bool answers_while_moving = true;  ///< false: nothing but a stop is heard until a move has ended
+  std::vector<OutputConfig> outputs;
 };
 
 /// Units of the axis: mm or deg, per second.
@@ -69,10 +88,32 @@ struct AxisConfig {
   }
 };
 
+/// How an exposure is started.
+struct TriggerConfig {
+  enum class Source { kSoftware, kLine } source = Source::kSoftware;
+  std::string line = "Line0";  ///< kLine: the camera's input
+  bool rising = true;
+  /// kLine: which output is wired to that input; empty = something this program does not know.
+  std::string controller, output;
+};
+
+enum class FileOrder { kName, kNatural, kTime };
+
 struct CameraConfig {
   std::string model;
+  std::string device;      ///< "gige": id or address, empty = the only one; "usb": device or file
+  bool simulated = false;  ///< "gige": the program serves the camera itself, on loopback
+  std::string pixel_format = "Mono8";
+  std::optional<double> exposure_us, gain;  ///< nothing = as the camera is set
+  std::array<int, 2> offset_px{0, 0};       ///< of the region on the sensor
+  int packet_bytes = 0;                     ///< "gige": 0 = found out by the library
+  int stale_frames = 4;                     ///< "usb": thrown away before each exposure
+  TriggerConfig trigger;
   std::filesystem::path folder;  ///< of camera model "folder"
-  bool replay = false;           ///< of camera model "folder": images taken earlier, by name
+  bool replay = false;           ///< "folder": images taken earlier, in order
+  std::string files = "*.png";   ///< "folder": which ones, names below the folder, * and ?
+  FileOrder order = FileOrder::kName;
+  std::string layout;  ///< "folder": the file of each pose, "{scenario}/{repeat}/{point:03}.png"
   ImageSize image_size;
   double frame_timeout_s = 2.0;
   int retries = 2;

@@ -33,13 +33,13 @@ class RealTime : public ::testing::Test {
     server = std::thread([this, actors] { serve(clock, actors); });
   }
   /// @return where to connect to.
-  LineConfig serve_over_tcp() {
+  ControllerConfig serve_over_tcp() {
     socket = std::make_unique<sim::TcpSocket>(*simulator, 0);
     serve_in_background({socket.get(), simulator.get()});
-    LineConfig where;
-    where.kind = LineConfig::Kind::kTcp;
-    where.host = "127.0.0.1";
-    where.tcp_port = socket->port();
+    ControllerConfig where;
+    where.line.kind = LineConfig::Kind::kTcp;
+    where.line.host = "127.0.0.1";
+    where.line.tcp_port = socket->port();
     return where;
   }
   void end_serving() {
@@ -91,7 +91,7 @@ TEST_F(RealTime, HomesAndMovesOverAPty) {
 }
 
 TEST_F(RealTime, HomesAndMovesOverTcp) {
-  const LineConfig where = serve_over_tcp();
+  const ControllerConfig where = serve_over_tcp();
   open(open_line(where));
   home_and_move();
   controller.reset();
@@ -104,7 +104,7 @@ TEST_F(RealTime, HomesAndMovesOverTcp) {
 }
 
 TEST_F(RealTime, ServesOneTcpClientAtATime) {
-  const LineConfig where = serve_over_tcp();
+  const ControllerConfig where = serve_over_tcp();
   open(open_line(where));
   controller->connect();
   Line second = open_line(where);
