@@ -28,6 +28,9 @@ class Controller {
   /// nullptr if the axis is not on this controller or has the other unit.
   virtual Axis<Millimetres>* linear_axis(AxisId id) = 0;
   virtual Axis<Degrees>* rotary_axis(AxisId id) = 0;
+  /// Switches a digital output of the rig file on and, after its pulse, off again.
+  /// @throws ConfigError if there is no such output, DeviceError if the controller refuses.
+  virtual void pulse_output(const std::string& name) = 0;
   /// Stops every axis, all commands first, then verifies. Any thread, any state. The first error is
   /// thrown after all have been tried.
   virtual void stop_all() = 0;

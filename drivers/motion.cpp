@@ -79,10 +79,16 @@ double MotionAxis<Q>::deadline_seconds(Q distance) const {
 }
 
 template <class Q>
-double MotionAxis<Q>::home_deadline_seconds() const {
+double MotionAxis<Q>::home_span() const {
   double span = config_.upper - config_.lower;
   if (const StageSpec* spec = find_stage_spec(config_.stage_model))
     span = std::max(span, spec->travel_upper - spec->travel_lower);
+  return span;
+}
+
+template <class Q>
+double MotionAxis<Q>::home_deadline_seconds() const {
+  const double span = home_span();
   // Across all the stage once, and slowly back to the switch.
   const double slow = std::min(config_.initial_speed, config_.home_speed);
   return 1.2 * span / config_.home_speed + config_.home_speed / slow + 5 * timing_.margin;
@@ -121,15 +127,19 @@ void MotionAxis<Q>::lose_reference() {
 }
 
 /// After any trouble nobody knows any more where the axis stands. A stop or an interrupt is no
-/// trouble.
+/// trouble, and neither is a read that gave way to a stop.
 template <class Q>
 template <class F>
-auto MotionAxis<Q>::guarded(F&& action) {
+auto MotionAxis<Q>::guarded(unsigned generation, F&& action) {
   try {
     return action();
   } catch (const Stopped&) {
     throw;
   } catch (const Interrupted&) {
+    throw;
+  } catch (const TimeoutError&) {
+    throw_if_stopped(generation);
+    lose_reference();
     throw;
   } catch (...) {
     lose_reference();
@@ -137,11 +147,25 @@ auto MotionAxis<Q>::guarded(F&& action) {
   }
 }
 
+/// What must not be while the axis moves in `direction` (sign; 0 = it does not).
 template <class Q>
-Q MotionAxis<Q>::read_position() {
+void MotionAxis<Q>::check_trouble(const AxisStatus<Q>& status, double direction) const {
+  const std::string place = status.position ? " at " + shown(*status.position) : std::string();
+  if (!status.fault.empty())
+    throw DeviceError(
+        fmt::format("axis {}: {}{}. Then home the axis again.", name_, status.fault, place));
+  if ((status.upper_limit && direction > 0) || (status.lower_limit && direction < 0))
+    throw DeviceError(fmt::format(
+        "axis {}: the {} limit switch is on{}. Find out why the axis came there within its soft "
+        "limits [{:g}, {:g}] {}; then home it again.",
+        name_, direction > 0 ? "upper" : "lower", place, config_.lower, config_.upper, Q::unit()));
+}
+
+template <class Q>
+AxisStatus<Q> MotionAxis<Q>::read_status() {
   const Time deadline = clock_->now() + from_seconds(3 * timing_.reply_timeout + timing_.margin);
   for (;;) {
-    if (const auto status = port_->status(deadline); status.position) return *status.position;
+    if (auto status = port_->status(deadline); status.position) return status;
     if (clock_->now() >= deadline)
       throw TimeoutError(
           fmt::format("axis {}: the controller does not say where it stands", name_));
@@ -151,7 +175,7 @@ Q MotionAxis<Q>::read_position() {
 
 template <class Q>
 Q MotionAxis<Q>::position() {
-  return guarded([&] { return read_position(); });
+  return guarded(stops_, [&] { return read_position(); });
 }
 
 // ---- moving
@@ -174,12 +198,13 @@ void MotionAxis<Q>::start(Q target) {
           fmt::format("axis {}: asked for {} while still moving to {}. Wait or stop first.", name_,
                       shown(target), shown(move_.goal)));
   }
-  guarded([&] {
-    Q from = read_position();
-    for (int i = 1; i < kOddReads && left_at_ && !within(from, *left_at_); ++i) {
+  guarded(generation, [&] {
+    AxisStatus<Q> status = read_status();
+    for (int i = 1; i < kOddReads && left_at_ && !within(*status.position, *left_at_); ++i) {
       clock_->sleep_for(from_seconds(timing_.poll));
-      from = read_position();
+      status = read_status();
     }
+    const Q from = *status.position;
     const auto lock = port_->lock();
     throw_if_stopped(generation);
     if (left_at_ && !within(from, *left_at_))
@@ -192,10 +217,12 @@ void MotionAxis<Q>::start(Q target) {
     move_.goal = goal_on_grid(target);
     move_.generation = generation;
     if (same_pulse(from, move_.goal) && (approach_known_ || config_.backlash == 0.0)) {
+      check_trouble(status, 0.0);
       phase_ = Phase::kArrived;
       left_at_ = from;
       return;
     }
+    check_trouble(status, (move_.goal - from).value);
     begin_approach(from);
   });
 }
@@ -215,12 +242,24 @@ void MotionAxis<Q>::begin_approach(Q from) {
 
 template <class Q>
 void MotionAxis<Q>::begin_leg(Q from, Q to) {
+  const auto lock = port_->lock();
+  move_.leg_start = from;
+  move_.leg_goal = to;
+  if (port_->free()) return send_leg();
+  phase_ = Phase::kWaiting;
+  move_.leg_began = clock_->now();
+  move_.deadline = move_.leg_began + from_seconds(home_deadline_seconds());
+  next_poll_ = move_.leg_began + from_seconds(timing_.poll);
+}
+
+template <class Q>
+void MotionAxis<Q>::send_leg() {
   const auto lock = port_->lock();  // held from the last look at the stop to the command
   throw_if_stopped(move_.generation);
+  const Q from = move_.leg_start, to = move_.leg_goal;
   left_at_.reset();
   phase_ = Phase::kMoving;
-  move_.leg_start = move_.last_position = from;
-  move_.leg_goal = to;
+  move_.last_position = from;
   move_.leg_began = clock_->now();
   move_.deadline = move_.leg_began + from_seconds(deadline_seconds(to - from));
   move_.seen_ended = false;
@@ -233,24 +272,41 @@ void MotionAxis<Q>::begin_leg(Q from, Q to) {
 }
 
 template <class Q>
+void MotionAxis<Q>::wait_for_turn() {
+  const auto lock = port_->lock();
+  if (port_->free()) return send_leg();
+  next_poll_ = clock_->now() + from_seconds(timing_.poll);
+  if (clock_->now() > move_.deadline)
+    throw TimeoutError(
+        fmt::format("axis {}: the controller is still busy with another axis after {:.0f} s", name_,
+                    seconds(clock_->now() - move_.leg_began)));
+}
+
+template <class Q>
 bool MotionAxis<Q>::advance() {
   Time due{0};
   unsigned generation = 0;
   Time deadline{0};
+  bool waiting = false;
   {
     const auto lock = port_->lock();
     if (phase_ == Phase::kArrived) return true;
-    if (phase_ != Phase::kMoving && phase_ != Phase::kSettling)
+    if (phase_ != Phase::kWaiting && phase_ != Phase::kMoving && phase_ != Phase::kSettling)
       throw Stopped(
           fmt::format("axis {}: no move is under way: it was stopped, or never started", name_));
+    waiting = phase_ == Phase::kWaiting;
     due = next_poll_;
     generation = move_.generation;
     deadline = move_.deadline;
   }
   throw_if_stopped(generation);
   clock_->sleep_until(due);
-  return guarded([&] {
+  return guarded(generation, [&] {
     throw_if_stopped(generation);
+    if (waiting) {
+      wait_for_turn();
+      return false;
+    }
     const AxisStatus<Q> status = port_->status(deadline);
     const auto lock = port_->lock();
     throw_if_stopped(generation);
@@ -262,6 +318,7 @@ bool MotionAxis<Q>::advance() {
 template <class Q>
 bool MotionAxis<Q>::carry_on(const AxisStatus<Q>& status) {
   const Time now = clock_->now();
+  check_trouble(status, phase_ == Phase::kMoving ? (move_.leg_goal - move_.leg_start).value : 0.0);
   if (status.position && !plausible(*status.position, now)) {
     if (++move_.odd_reads < kOddReads) return false;
     throw DeviceError(fmt::format(
@@ -277,8 +334,12 @@ bool MotionAxis<Q>::carry_on(const AxisStatus<Q>& status) {
     if (abs(here - move_.leg_goal).value > slack())
       throw DeviceError(fmt::format(
           "axis {}: ended at {} instead of {}: a limit switch, a stop button or a reset "
-          "of the controller. Find out which, then home it again.",
-          name_, shown(here), shown(move_.leg_goal)));
+          "of the controller{}. Find out which, then home it again.",
+          name_, shown(here), shown(move_.leg_goal),
+          move_.acknowledged == Acknowledgement::kReceived
+              ? ""
+              : "; or the command was never taken: the controller had not acknowledged it, and it "
+                "was not sent again"));
     approach_known_ = (move_.leg_goal - move_.leg_start).value * config_.backlash >= 0;
     if (move_.via) {
       move_.via.reset();
@@ -411,13 +472,27 @@ void MotionAxis<Q>::home() {
 
 template <class Q>
 void MotionAxis<Q>::find_home(unsigned generation) {
-  Q last = read_position();
-  const Time began = clock_->now();
-  const Time deadline = began + from_seconds(home_deadline_seconds());
-  {
+  const AxisStatus<Q> before = read_status();
+  check_trouble(before, 0.0);
+  const Q start = *before.position;
+  Q last = start;
+  const double farthest = 1.2 * home_span() + slack();
+  Time began = clock_->now();
+  Time deadline = began + from_seconds(home_deadline_seconds());
+  const auto sent = [&] {
     const auto lock = port_->lock();
     throw_if_stopped(generation);
+    if (!port_->free()) return false;
+    began = clock_->now();
+    deadline = began + from_seconds(home_deadline_seconds());
     port_->start_home();  // a lost acknowledgement shows in the positions
+    return true;
+  };
+  while (!sent()) {
+    if (clock_->now() > deadline)
+      throw TimeoutError(
+          fmt::format("axis {}: not homed: the controller is still busy with another axis", name_));
+    clock_->sleep_for(from_seconds(timing_.poll));
   }
   Time last_change = clock_->now();
   bool seen_ended = false;
@@ -426,7 +501,13 @@ void MotionAxis<Q>::find_home(unsigned generation) {
     throw_if_stopped(generation);
     const AxisStatus<Q> status = port_->status(deadline);
     const Time now = clock_->now();
+    check_trouble(status, 0.0);
     if (status.position) {
+      if (abs(*status.position - start).value > farthest)
+        throw DeviceError(fmt::format(
+            "axis {}: homing has gone from {} to {}, farther than the stage is long ({:g} {}), and "
+            "not found the switch. Check it, and the pulses per revolution.",
+            name_, shown(start), shown(*status.position), home_span(), Q::unit()));
       const bool unchanged = same_pulse(*status.position, last);
       if (!unchanged) {
         last = *status.position;
@@ -465,13 +546,13 @@ template <class Q>
 void MotionAxis<Q>::begin_stop() {
   ++stops_;
   const InterruptShield shield;
-  guarded([&] { port_->send_stop(false); });
+  guarded(stops_, [&] { port_->send_stop(false); });
 }
 
 template <class Q>
 void MotionAxis<Q>::finish_stop() {
   const InterruptShield shield;
-  guarded([&] {
+  guarded(stops_, [&] {
     bool immediate = false;
     Q last = read_position();
     Time since = clock_->now();

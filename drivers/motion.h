@@ -2,7 +2,9 @@
 // the rules of a move are here. In order: soft limits including the overshoot, before any byte
 // leaves; homed and configured, or nothing moves; one-sided approach; each command sent once; a
 // deadline from distance, speed and ramps, and a stall watchdog; in-position window held for the
-// settle time; retries, then a flagged miss.
+// settle time; retries, then a flagged miss. Limit switches, emergency stop and alarms end a move
+// and lose the reference. Positions are never wrapped: the soft limits of a rotary axis are what
+// its cables allow.
 #pragma once
 
 #include <atomic>
@@ -22,6 +24,8 @@ template <class Q>
 struct AxisStatus {
   std::optional<Q> position;  ///< nothing while the controller cannot tell
   Motion motion = Motion::kUnknown;
+  bool lower_limit = false, upper_limit = false;  ///< limit switches that are on
+  std::string fault{};  ///< emergency stop, alarm: what, and what to do; empty = none
 };
 
 /// Whether the controller said that it took a motion command. `kLost`: no (clear) answer; it may be
@@ -38,11 +42,13 @@ class AxisPort {
   virtual std::unique_lock<std::recursive_mutex> lock() = 0;
   /// @throws DeviceError if motion is blocked: not connected, or the configuration differs.
   virtual void require_ready() const = 0;
+  /// False while the controller takes no motion command because another of its axes moves. Bounded.
+  virtual bool free() { return true; }
   /// @throws DeviceError if refused, LineError.
   virtual Acknowledgement start_move(Q from, Q to) = 0;
   virtual Acknowledgement start_home() = 0;
   /// Reads, retrying a bounded number of times and not past `deadline`.
-  /// @throws TimeoutError, ProtocolError, DeviceError (alarm, limit switch), LineError.
+  /// @throws TimeoutError, ProtocolError, DeviceError, LineError.
   virtual AxisStatus<Q> status(Time deadline) = 0;
   /// May be sent again. @param immediate without deceleration, where the controller can.
   /// @throws TimeoutError, DeviceError, LineError.
@@ -85,15 +91,17 @@ class MotionAxis final : public Axis<Q> {
   /// Time within which one command over `distance` has to end, s.
   double deadline_seconds(Q distance) const;
   double home_deadline_seconds() const;
+  /// Length of the stage: homing never has to go farther.
+  double home_span() const;
 
  private:
-  enum class Phase { kIdle, kMoving, kSettling, kArrived, kHoming };
+  enum class Phase { kIdle, kWaiting, kMoving, kSettling, kArrived, kHoming };
 
   struct Move {
     Q goal{};              ///< on the pulse grid
     std::optional<Q> via;  ///< where the overshoot ends, while that is still to be reached
     Q leg_start{}, leg_goal{};
-    Time leg_began{0}, deadline{0};
+    Time leg_began{0}, deadline{0};  ///< while waiting: since when, and for how long
     Acknowledgement acknowledged{};
     Q last_position{};
     Time last_change{0};
@@ -109,9 +117,13 @@ class MotionAxis final : public Axis<Q> {
   Q goal_on_grid(Q target) const;
   std::string shown(Q q) const;
   void throw_if_stopped(unsigned generation) const;
-  Q read_position();
+  AxisStatus<Q> read_status();
+  Q read_position() { return *read_status().position; }
+  void check_trouble(const AxisStatus<Q>& status, double direction) const;
   void begin_approach(Q from);
   void begin_leg(Q from, Q to);
+  void send_leg();
+  void wait_for_turn();
   bool carry_on(const AxisStatus<Q>& status);
   bool leg_ended(const AxisStatus<Q>& status, Time now);
   bool plausible(Q position, Time now) const;
@@ -120,7 +132,7 @@ class MotionAxis final : public Axis<Q> {
   void find_home(unsigned generation);
   void lose_reference();
   template <class F>
-  auto guarded(F&& action);
+  auto guarded(unsigned generation, F&& action);
 
   AxisConfig config_;
   std::string name_;

@@ -102,12 +102,15 @@ void AxisModel::move_to(Time now, double target, Ramp ramp) {
     never_ends_ = true;
     return;
   }
-  add_leg(now, rest_.motor, clipped(counter_zero_ + pulses * per_step_), ramp);
+  const double to = clipped(counter_zero_ + pulses * per_step_);
+  if ((to - rest_.motor) * switch_ < 0) switch_ = 0;
+  add_leg(now, rest_.motor, to, ramp);
 }
 
 void AxisModel::home(Time now, Ramp ramp) {
   freeze(now);
   homed_ = false;
+  switch_ = 0;
   ramp_ = ramp;
   if (jam_ == Jam::kPulses) {
     never_ends_ = true;
@@ -144,6 +147,14 @@ void AxisModel::stop(Time now, bool immediate) {
   next_error_ = draw();
 }
 
+void AxisModel::hit_switch(Time now) {
+  if (!moving(now) || never_ends_) return;
+  const Leg& leg = legs_[leg_count_ == 2 && now >= legs_[0].end() ? 1 : 0];
+  const int side = leg.to < leg.from ? -1 : 1;
+  stop(now, true);
+  switch_ = side;
+}
+
 void AxisModel::set_counter(Time now, double value) {
   freeze(now);
   counter_zero_ = rest_.motor - value;
@@ -173,6 +184,10 @@ void AxisModel::freeze(Time now) {
   if (homing_ && !was_moving) {
     homed_ = true;
     counter_zero_ = 0;
+    lowest_ = highest_ = 0;
+  } else if (!homing_ && leg_count_ > 0) {
+    lowest_ = std::min(lowest_, here.motor - counter_zero_);
+    highest_ = std::max(highest_, here.motor - counter_zero_);
   }
   homing_ = false;
   rest_ = here;

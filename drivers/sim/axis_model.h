@@ -14,7 +14,9 @@
 // Homing ends with a slow forward approach of the switch at m = 0 and sets the counter to 0 there.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <limits>
 #include <optional>
@@ -76,6 +78,9 @@ class AxisModel {
   void set_counter(Time now, double value);
   /// Power cycle: halts on the spot, counter 0, nothing referenced.
   void power_cycle(Time now);
+  /// A limit switch comes on in the way: halts on the spot; the switch stays on until the axis moves
+  /// the other way or is homed. Does nothing to an axis that stands.
+  void hit_switch(Time now);
   /// kPulses: nothing moves any more and no move ends. kTable: the controller counts on, the table
   /// stays.
   void jam(Time now, Jam jam);
@@ -85,6 +90,9 @@ class AxisModel {
   /// When the present motion ends; nothing if there is none or it never ends.
   std::optional<Time> ends_at() const;
   bool at_hard_limit(Time t) const;
+  bool lower_switch(Time t) const { return switch_ < 0 || motor_at(t) <= hard_lower_; }
+  bool upper_switch(Time t) const { return switch_ > 0 || motor_at(t) >= hard_upper_; }
+  bool home_switch(Time t) const { return std::abs(motor_at(t)) < 0.5 * per_step_; }
   bool homed(Time t) const;
 
   /// Where the table really is. @param t not before the last command.
@@ -93,6 +101,11 @@ class AxisModel {
   const AxisConfig& config() const { return config_; }
   double per_step() const { return per_step_; }
   std::uint64_t moves() const { return moves_; }
+  /// How far the counter has been on moves (not on the way home), since the last homing.
+  double lowest(Time t) const { return homing_ ? lowest_ : std::min(lowest_, counter_position(t)); }
+  double highest(Time t) const {
+    return homing_ ? highest_ : std::max(highest_, counter_position(t));
+  }
   /// Ends of the mechanics, true coordinate.
   double hard_lower() const { return hard_lower_; }
   double hard_upper() const { return hard_upper_; }
@@ -136,6 +149,8 @@ class AxisModel {
   std::uint64_t moves_ = 0;
   Jam jam_ = Jam::kNone;
   double blocked_true_ = 0;
+  int switch_ = 0;  ///< a limit switch that is on: -1 lower, 1 upper
+  double lowest_ = 0, highest_ = 0;
 };
 
 }  // namespace turntable::sim

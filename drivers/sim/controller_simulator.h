@@ -1,9 +1,15 @@
-// A simulated controller: device models behind a wire format, at the far end of a line.
+// A simulated controller: device models behind a wire format, at the far end of a line. What goes
+// wrong on a wire or with a stage goes wrong in the same way for all of them, and is here; a
+// simulator says how its requests look and what they mean.
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <map>
+#include <memory>
 #include <optional>
+#include <set>
+#include <string>
 #include <vector>
 
 #include "drivers/sim/axis_model.h"
@@ -19,24 +25,116 @@ struct SimulatorSetup {
   std::vector<AxisConfig> axes;       ///< those on this controller, as it is set up at power-up
   std::map<AxisId, AxisTruth> truth;  ///< missing = ideal
   std::uint64_t seed = 0;
+  ControllerConfig controller{};  ///< address, outputs, and what its manual leaves open
+  double reply_delay_s = 0.0;     ///< between a request and its answer
 };
 
 /// Keeps its state while clients come and go, as a controller does while its cable is plugged and
 /// unplugged.
 class ControllerSimulator : public Actor {
  public:
-  /// Takes the far end of a line; drops the one it had.
-  void plug(Line line) { line_.emplace(std::move(line)); }
-  void unplug() { line_.reset(); }
-  bool plugged() const { return line_.has_value(); }
-  int descriptor() const override { return line_ ? line_->descriptor() : -1; }
+  /// A request as a person would tell of it.
+  struct Request {
+    std::string verb;            ///< the device's word
+    std::string kind;            ///< "move", "home", "stop", "status", "set", "get"
+    std::optional<AxisId> axis;  ///< that it names
+  };
 
-  virtual void add_fault(Fault fault) = 0;
+  /// Takes the far end of a line; drops the one it had.
+  void plug(Line line);
+  void unplug();
+  bool plugged() const { return line_.has_value(); }
+  const Line* line() const { return line_ ? &*line_ : nullptr; }
+
+  void add_fault(Fault fault) { faults_.push_back({std::move(fault), 0}); }
   /// @throws std::out_of_range if the axis is not on this controller.
-  virtual const AxisModel& axis(AxisId id) const = 0;
+  const AxisModel& axis(AxisId id) const;
+  /// A person releases the emergency stop and resets the alarms.
+  void clear_trouble();
+  /// Told when a digital output of the rig file is switched.
+  void on_output(std::function<void(const std::string& name, bool on, Time)> listener) {
+    output_listener_ = std::move(listener);
+  }
+  /// From now on every request is noted, whatever becomes of it.
+  void note_requests() { note_requests_ = true; }
+  const std::vector<Request>& requests() const { return requests_; }
+
+  int descriptor() const final { return line_ ? line_->descriptor() : -1; }
+  std::optional<Time> next_due() const final;
+  void act(Time now) final;
 
  protected:
+  explicit ControllerSimulator(const SimulatorSetup& setup);
+
+  // ---- What a simulator supplies.
+
+  /// Bytes have arrived; find the requests in them and `serve` each.
+  virtual void receive(std::string_view bytes, Time now) = 0;
+  /// Does what is due by itself: completion lines and the like.
+  virtual void happen(Time) {}
+  /// When that will be, beside the events of `later`.
+  virtual std::optional<Time> next_own() const { return std::nullopt; }
+  /// Everything volatile is gone. The axes have been reset already.
+  virtual void power_up(Time now) = 0;
+  /// What a refusal looks like. @param text as in the fault.
+  virtual std::string refusal(const std::string& text) = 0;
+  /// The line of the rig that was pulled took half a request with it.
+  virtual void forget_input() = 0;
+
+  // ---- What it may use.
+
+  std::vector<std::unique_ptr<AxisModel>>& axes() { return axes_; }
+  const std::vector<std::unique_ptr<AxisModel>>& axes() const { return axes_; }
+  const ControllerConfig& config() const { return config_; }
+  Time now() const { return now_; }
+  bool emergency_stop() const { return emergency_stop_; }
+  bool alarm(AxisId id) const { return alarms_.contains(id); }
+  /// Clears the alarm of one axis, where the controller has a command for that.
+  void clear_alarm(AxisId id) { alarms_.erase(id); }
+  void switch_output(const std::string& name, bool on) {
+    if (output_listener_) output_listener_(name, on, now_);
+  }
+
+  /// Carries a request out and answers it, with the faults that strike it. @param carry_out does
+  /// what it asks for; @return the bytes of the answer, empty = none now.
+  /// @param error makes the answer of a kErrorReply fault.
+  void serve(Request request, Time now, const std::function<std::string()>& carry_out,
+             const std::function<std::string(const std::string&)>& error);
+  void serve(Request request, Time now, const std::function<std::string()>& carry_out) {
+    serve(std::move(request), now, carry_out, [this](const std::string& t) { return refusal(t); });
+  }
+  /// True once for every kLostCompletion that struck a request naming this axis.
+  bool loses_completion(AxisId id) { return lost_completions_.erase(id) > 0; }
+  /// Bytes that answer nothing, now.
+  void send(std::string_view bytes);
+  void later(Time due, std::function<void(Time)> action);
+
+ private:
+  struct Armed {
+    Fault fault;
+    int seen = 0;
+  };
+  struct Event {
+    Time due;
+    std::function<void(Time)> happen;
+  };
+
+  AxisModel* model(std::optional<AxisId> id);
+  void reset(Time now);
+  void answer(std::string bytes, Time now);
+
+  ControllerConfig config_;
+  double reply_delay_s_;
+  std::vector<std::unique_ptr<AxisModel>> axes_;
   std::optional<Line> line_;
+  std::vector<Armed> faults_;
+  std::vector<Event> events_;  // earliest first
+  std::set<AxisId> alarms_, lost_completions_;
+  bool emergency_stop_ = false;
+  std::function<void(const std::string&, bool, Time)> output_listener_;
+  bool note_requests_ = false;
+  std::vector<Request> requests_;
+  Time now_{0};
 };
 
 }  // namespace turntable::sim

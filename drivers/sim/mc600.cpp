@@ -19,7 +19,6 @@ namespace {
 
 constexpr std::string_view kLetters = "XYZT";
 constexpr std::size_t kLongestCommand = 128;
-constexpr std::string_view kNoise = "\x7f\x01#@!\r";
 
 /// The error replies. Their meaning is not in the pages at hand; this is the likely one.
 constexpr const char* kUnknown = "E01";  // no such command, or ill-formed
@@ -93,8 +92,8 @@ Arguments split(std::string_view text) {
 /// pulses; what it makes of them in mm or deg depends on its settings, what the stage makes of them
 /// does not.
 struct Channel {
-  Channel(char name, const AxisConfig& config, const AxisTruth& truth, std::uint64_t seed)
-      : letter(name), axis(config, truth, seed) {
+  Channel(char name, AxisModel& model) : letter(name), axis(model) {
+    const AxisConfig& config = axis.config();
     const bool rotary = config.kind == StageKind::kRotary;
     style = rotary ? 'R' : 'T';
     unit = rotary ? 'd' : 'm';
@@ -129,7 +128,7 @@ struct Channel {
   }
 
   char letter;
-  AxisModel axis;
+  AxisModel& axis;
   char style = 'R', unit = 'd';
   double steps_per_rev = 1600, drive_ratio = 180, pitch = 4, distance = 360;
   double initial_speed = 800, speed = 8000, acceleration = 12000,
@@ -138,30 +137,24 @@ struct Channel {
   long long positive_limit = 0, negative_limit = 0;  // pulses
   int home_mode = 2;
   bool completion_due = false;
-  bool lose_completion = false;
 };
 
 class Mc600 final : public ControllerSimulator {
  public:
   explicit Mc600(const SimulatorSetup& setup);
 
-  std::optional<Time> next_due() const override;
-  void act(Time now) override;
-  void add_fault(Fault fault) override { faults_.push_back({std::move(fault), 0}); }
-  const AxisModel& axis(AxisId id) const override;
+ protected:
+  void receive(std::string_view bytes, Time now) override;
+  void happen(Time now) override;
+  std::optional<Time> next_own() const override;
+  void power_up(Time now) override;
+  std::string refusal(const std::string& text) override { return text + "\r"; }
+  void forget_input() override {
+    pending_.clear();
+    overlong_ = false;
+  }
 
  private:
-  struct Armed {
-    Fault fault;
-    int seen = 0;
-  };
-  struct Event {
-    Time due;
-    std::function<void(Time)> happen;
-  };
-
-  void receive(Time now);
-  void happen(Time now);
   void take(std::string_view command, Time now);
   std::string answer(std::string_view verb, const Arguments& arguments, Time now);
   std::string answer_query(std::string_view verb, const Arguments& arguments, Time now);
@@ -172,123 +165,63 @@ class Mc600 final : public ControllerSimulator {
   void go_interpolated(const Arguments& a, std::size_t count, Time now);
   Channel& channel(std::string_view letter);
   Channel& idle_channel(std::string_view letter, Time now);
-  void send(std::string_view bytes);
-  void send_line(std::string_view text) { send(std::string(text) + "\r"); }
-  void later(Time due, std::function<void(Time)> action);
-  void reset(Time now);
 
   std::vector<std::unique_ptr<Channel>> channels_;
-  std::vector<Armed> faults_;
-  std::vector<Event> events_;  // earliest first
   std::string pending_;
   bool overlong_ = false;
-  Time now_{0};
 };
 
-Mc600::Mc600(const SimulatorSetup& setup) {
-  for (const AxisConfig& config : setup.axes) {
+Mc600::Mc600(const SimulatorSetup& setup) : ControllerSimulator(setup) {
+  for (const auto& axis : axes()) {
+    const AxisConfig& config = axis->config();
     if (config.channel.size() != 1 ||
         kLetters.find(upper(config.channel[0])) == std::string_view::npos)
       throw ConfigError(
           "rig", fmt::format("/axes/{}/channel", axis_name(config.id)),
           fmt::format("found \"{}\", allowed on an MC600: X, Y, Z, T.", config.channel));
-    const auto truth = setup.truth.find(config.id);
-    channels_.push_back(std::make_unique<Channel>(
-        upper(config.channel[0]), config, truth == setup.truth.end() ? AxisTruth{} : truth->second,
-        setup.seed));
+    channels_.push_back(std::make_unique<Channel>(upper(config.channel[0]), *axis));
   }
-}
-
-const AxisModel& Mc600::axis(AxisId id) const {
-  for (const auto& c : channels_)
-    if (c->axis.config().id == id) return c->axis;
-  throw std::out_of_range(fmt::format("no axis {} on this controller", axis_name(id)));
 }
 
 // ---- what happens, and when
 
-std::optional<Time> Mc600::next_due() const {
+std::optional<Time> Mc600::next_own() const {
   std::optional<Time> next;
-  const auto consider = [&](Time t) {
-    if (!next || t < *next) next = t;
-  };
-  if (!events_.empty()) consider(events_.front().due);
   for (const auto& c : channels_)
     if (c->completion_due)
-      if (const auto end = c->axis.ends_at()) consider(*end);
+      if (const auto end = c->axis.ends_at(); end && (!next || *end < *next)) next = *end;
   return next;
 }
 
-void Mc600::act(Time now) {
-  now_ = now;
-  happen(now);
-  receive(now);
-}
-
 void Mc600::happen(Time now) {
-  while (!events_.empty() && events_.front().due <= now) {
-    const Event event = std::move(events_.front());
-    events_.erase(events_.begin());
-    event.happen(now);
-  }
   for (const auto& c : channels_) {
     if (!c->completion_due || c->axis.moving(now)) continue;
     c->completion_due = false;
-    if (std::exchange(c->lose_completion, false)) continue;
-    send_line(fmt::format("{} {},OK", c->letter, shown(c->pulses(now) * c->scale())));
+    if (loses_completion(c->axis.config().id)) continue;
+    send(fmt::format("{} {},OK\r", c->letter, shown(c->pulses(now) * c->scale())));
   }
 }
 
-void Mc600::later(Time due, std::function<void(Time)> action) {
-  const auto place = std::ranges::upper_bound(events_, due, {}, &Event::due);
-  events_.insert(place, {due, std::move(action)});
+void Mc600::power_up(Time) {
+  for (const auto& c : channels_) c->completion_due = false;
 }
 
-void Mc600::send(std::string_view bytes) {
-  if (!line_) return;
-  try {
-    line_->write_available(bytes, now_);  // a wire without flow control loses what nobody reads
-  } catch (const LineError&) {
-    unplug();
-  }
-}
-
-void Mc600::receive(Time now) {
-  std::array<char, 512> buffer;
-  while (line_) {
-    std::size_t n = 0;
-    try {
-      n = line_->read_available(buffer, now);
-    } catch (const LineError&) {
-      unplug();
-      pending_.clear();
-      return;
+void Mc600::receive(std::string_view bytes, Time now) {
+  for (const char c : bytes) {
+    if (c == '\n') continue;
+    if (c != '\r') {
+      if (pending_.size() < kLongestCommand)
+        pending_ += c;
+      else
+        overlong_ = true;
+      continue;
     }
-    if (n == 0) return;
-    for (const char c : std::string_view(buffer.data(), n)) {
-      if (c == '\n') continue;
-      if (c != '\r') {
-        if (pending_.size() < kLongestCommand)
-          pending_ += c;
-        else
-          overlong_ = true;
-        continue;
-      }
-      const std::string command = std::exchange(pending_, {});
-      if (std::exchange(overlong_, false))
-        send_line(kUnknown);
-      else if (!command.empty())
-        take(command, now);
-    }
+    const std::string command = std::exchange(pending_, {});
+    if (std::exchange(overlong_, false))
+      send(std::string(kUnknown) + "\r");
+    else if (!command.empty())
+      take(command, now);
   }
-}
-
-void Mc600::reset(Time now) {
-  for (const auto& c : channels_) {
-    c->axis.power_cycle(now);
-    c->completion_due = c->lose_completion = false;
-  }
-  pending_.clear();
 }
 
 void Mc600::take(std::string_view command, Time now) {
@@ -297,80 +230,31 @@ void Mc600::take(std::string_view command, Time now) {
   const std::string_view rest = space == std::string_view::npos ? "" : command.substr(space + 1);
   const Arguments arguments = split(rest);
 
-  // Which faults strike this command?
-  const Fault* reply_fault = nullptr;
-  const char* forced = nullptr;
-  Channel* named = nullptr;
+  Request request{verb, verb.ends_with('?') ? "get" : "set", {}};
+  if (verb == "position?") request.kind = "status";
+  if (verb == "goposition" || verb == "goorigion" || verb.starts_with("gointerpolation"))
+    request.kind = "move";
+  if (verb == "gohome" || verb == "gonaxishome") request.kind = "home";
+  if (verb == "stop") request.kind = "stop";
   for (const auto& c : channels_)
     if (!arguments.empty() && arguments[0].size() == 1 && upper(arguments[0][0]) == c->letter)
-      named = c.get();
-  for (Armed& armed : faults_) {
-    const Fault& fault = armed.fault;
-    if (!fault.verb.empty() && lower(fault.verb) != verb) continue;
-    ++armed.seen;
-    if (armed.seen < fault.nth || (fault.times >= 0 && armed.seen >= fault.nth + fault.times))
-      continue;
-    const Time due = now + from_seconds(fault.delay_s);
-    const auto jam = [&](AxisModel::Jam kind) {
-      if (named != nullptr) later(due, [named, kind](Time t) { named->axis.jam(t, kind); });
-    };
-    switch (fault.kind) {
-      case FaultKind::kSilence:
-        return;
-      case FaultKind::kErrorReply:
-        forced = fault.text.c_str();
-        break;
-      case FaultKind::kLostCompletion:
-        if (named != nullptr) named->lose_completion = true;
-        break;
-      case FaultKind::kReset:
-        later(due, [this](Time t) { reset(t); });
-        break;
-      case FaultKind::kStuckAxis:
-        jam(AxisModel::Jam::kPulses);
-        break;
-      case FaultKind::kBlockedTable:
-        jam(AxisModel::Jam::kTable);
-        break;
-      case FaultKind::kUnplugged:
-        later(due, [this](Time) { unplug(); });
-        break;
-      default:
-        reply_fault = &fault;
+      request.axis = c->axis.config().id;
+  serve(request, now, [&] {
+    for (const OutputConfig& output : config().outputs)
+      for (const bool on : {true, false})
+        if (command == (on ? output.on_text : output.off_text)) {
+          switch_output(output.name, on);
+          return std::string("OK\r");
+        }
+    if ((request.kind == "move" || request.kind == "home") &&
+        (emergency_stop() || (request.axis && alarm(*request.axis))))
+      return std::string(kNotNow) + "\r";
+    try {
+      return answer(verb, arguments, now) + "\r";
+    } catch (const Refused& refusal) {
+      return std::string(refusal.reply) + "\r";
     }
-  }
-
-  std::string reply;
-  try {
-    reply = forced != nullptr ? forced : answer(verb, arguments, now);
-  } catch (const Refused& refusal) {
-    reply = refusal.reply;
-  }
-  reply += '\r';
-  if (reply_fault == nullptr) return send(reply);
-  const Time due = now + from_seconds(reply_fault->delay_s);
-  const std::string half = reply.substr(0, reply.size() / 2),
-                    rest_of_it = reply.substr(reply.size() / 2);
-  switch (reply_fault->kind) {
-    case FaultKind::kGarbage:
-      send(reply_fault->text.empty() ? kNoise : std::string_view(reply_fault->text));
-      return send(reply);
-    case FaultKind::kCorruptReply:
-      reply[reply.size() / 2] = static_cast<char>(reply[reply.size() / 2] ^ 0x15);
-      return send(reply);
-    case FaultKind::kTruncatedReply:
-      return send(half);
-    case FaultKind::kSplitReply:
-      send(half);
-      return later(due, [this, rest_of_it](Time) { send(rest_of_it); });
-    case FaultKind::kLateReply:
-      return later(due, [this, reply](Time) { send(reply); });
-    case FaultKind::kDuplicatedLine:
-      send(reply);
-      return send(reply);
-    default:
-      return;  // kLostReply
-  }
+  });
 }
 
 // ---- what the commands mean

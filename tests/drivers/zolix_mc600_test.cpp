@@ -79,6 +79,7 @@ class DriverBytes : public ::testing::Test {
                     {"SetInitSpeed? X", "SETINITSPEED? X,1,OK\r"},
                     {"SetSpeed? X", "SETSPEED? X,25,OK\r"},
                     {"SetAccSpeed? X", "SETACCSPEED? X,50,OK\r"},
+                    {"SetHomeSpeed? X", "SETHOMESPEED? X,5,OK\r"},
                     {"SetUserPositiveLimit? X", "SETUSERPOSITIVELIMIT? X,30,OK\r"},
                     {"SetUserNegativeLimit? X", "SETUSERNEGATIVELIMIT? X,-30.0,OK\r"},
                     {"SetUserLimitAble? X", "SETUSERLIMITABLE? X,E,OK\r"},
@@ -90,6 +91,7 @@ class DriverBytes : public ::testing::Test {
                     {"SetInitSpeed? T", "SETINITSPEED? T,1,OK\r"},
                     {"SetSpeed? T", "SETSPEED? T,20,OK\r"},
                     {"SetAccSpeed? T", "SETACCSPEED? T,50,OK\r"},
+                    {"SetHomeSpeed? T", "SETHOMESPEED? T,5.0,OK\r"},
                     {"SetUserPositiveLimit? T", "SETUSERPOSITIVELIMIT? T,201,OK\r"},
                     {"SetUserNegativeLimit? T", "SETUSERNEGATIVELIMIT? T,-1,OK\r"},
                     {"SetUserLimitAble? T", "SETUSERLIMITABLE? T,E,OK\r"}};
@@ -113,10 +115,10 @@ TEST_F(DriverBytes, ConnectingAsksAndChangesNothing) {
       peer.heard,
       ElementsAre("Hello\r", "SetStageStyle? X\r", "SetUnit? X\r", "SetStageStepsRev? X\r",
                   "SetStageDriveRat? X\r", "SetInitSpeed? X\r", "SetSpeed? X\r", "SetAccSpeed? X\r",
-                  "SetUserPositiveLimit? X\r", "SetUserNegativeLimit? X\r", "SetUserLimitAble? X\r",
+                  "SetHomeSpeed? X\r", "SetUserPositiveLimit? X\r", "SetUserNegativeLimit? X\r", "SetUserLimitAble? X\r",
                   "SetStageStyle? T\r", "SetUnit? T\r", "SetStageStepsRev? T\r",
                   "SetStagePitch? T\r", "SetInitSpeed? T\r", "SetSpeed? T\r", "SetAccSpeed? T\r",
-                  "SetUserPositiveLimit? T\r", "SetUserNegativeLimit? T\r",
+                  "SetHomeSpeed? T\r", "SetUserPositiveLimit? T\r", "SetUserNegativeLimit? T\r",
                   "SetUserLimitAble? T\r"));
 }
 
@@ -127,12 +129,12 @@ TEST_F(DriverBytes, ConfiguringWritesTheSetUpAndReadsItBack) {
       peer.heard,
       ElementsAre("SetStageStyle X,R\r", "SetUnit X,d\r", "SetStageStepsRev X,1600\r",
                   "SetStageDriveRat X,180\r", "SetInitSpeed X,1\r", "SetSpeed X,25\r",
-                  "SetAccSpeed X,50\r", "SetUserPositiveLimit X,30\r",
-                  "SetUserNegativeLimit X,-30\r", "SetUserLimitAble X,E\r", "SetHomeSpeed X,5\r",
+                  "SetAccSpeed X,50\r", "SetHomeSpeed X,5\r", "SetUserPositiveLimit X,30\r",
+                  "SetUserNegativeLimit X,-30\r", "SetUserLimitAble X,E\r",
                   "SetStageStyle T,T\r", "SetUnit T,m\r", "SetStageStepsRev T,1600\r",
                   "SetStagePitch T,4\r", "SetInitSpeed T,1\r", "SetSpeed T,20\r",
-                  "SetAccSpeed T,50\r", "SetUserPositiveLimit T,201\r",
-                  "SetUserNegativeLimit T,-1\r", "SetUserLimitAble T,E\r", "SetHomeSpeed T,5\r"));
+                  "SetAccSpeed T,50\r", "SetHomeSpeed T,5\r", "SetUserPositiveLimit T,201\r",
+                  "SetUserNegativeLimit T,-1\r", "SetUserLimitAble T,E\r"));
 }
 
 TEST_F(DriverBytes, HomesMovesAndStopsInTheManualsWords) {
@@ -219,7 +221,7 @@ class ZolixMc600 : public ::testing::Test, protected SimulatedMc600 {};
 
 TEST_F(ZolixMc600, AgreesWithItsSimulatorAboutTheSetUp) {
   EXPECT_THAT(controller->connect(), ElementsAre());
-  EXPECT_THAT(controller->identity(), HasSubstr("channels XYZT"));
+  EXPECT_THAT(controller->identity(), HasSubstr("channels X Y Z T"));
 }
 
 TEST_F(ZolixMc600, DoesNotMoveBeforeItIsConnectedAndHomed) {

@@ -1,0 +1,122 @@
+// What all controllers have in common: axes by channel, each with the one motion loop; one line
+// that is locked for each exchange and on which a stop goes first; nothing moves before the set-up
+// has been compared. A driver supplies the hooks below, in whole pulses: what it makes of them on
+// the wire is all that it is about.
+#pragma once
+
+#include <atomic>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "drivers/controller.h"
+#include "drivers/motion.h"
+#include "src/core/errors.h"
+
+namespace turntable {
+
+class AxisController : public Controller {
+ public:
+  ~AxisController() override;
+  std::string identity() const final;
+  std::vector<std::string> connect() final;
+  void configure() final;
+  Axis<Millimetres>* linear_axis(AxisId id) final;
+  Axis<Degrees>* rotary_axis(AxisId id) final;
+  void pulse_output(const std::string& name) final;
+  void stop_all() final;
+
+  /// One axis of the controller as a driver sees it.
+  struct Channel {
+    AxisConfig config;
+    std::size_t index = 0;  ///< in `channels()`
+
+    double unit(Steps s) const { return static_cast<double>(s.count) * config.per_step(); }
+    Steps steps(double value) const {
+      return StepScale<Degrees>{{config.per_step()}}.to_steps({value});
+    }
+  };
+
+ protected:
+  /// Takes the axes and the configuration out of `setup`, and leaves the line in it.
+  explicit AxisController(ControllerSetup& setup);
+
+  // ---- What a driver supplies. No hook sends a motion command twice.
+
+  /// Asks who is there and how it is set up; changes nothing. @return what the device says it is;
+  /// adds a line (`difference`) for everything that is not as the rig file says. Called locked.
+  virtual std::string observe(std::vector<std::string>& differences) = 0;
+  /// Writes the set-up of the rig file. Moves nothing. Called locked.
+  virtual void write_setup() = 0;
+  /// False while the controller can take no motion command for this channel because another one
+  /// moves; has to become true in bounded time. Called locked.
+  virtual bool free(const Channel&) { return true; }
+  /// Called locked. @param from where the axis stands. @throws DeviceError if refused, LineError.
+  virtual Acknowledgement start_move(const Channel& channel, Steps from, Steps to) = 0;
+  virtual Acknowledgement start_home(const Channel& channel) = 0;
+  /// Reads, retrying a bounded number of times (`retried`) and not past `deadline`. Called
+  /// unlocked: every exchange takes the lock for itself, so that a stop can come between.
+  virtual AxisStatus<Steps> status(const Channel& channel, Time deadline) = 0;
+  /// May be sent again. Called locked, with everybody else giving way.
+  virtual void send_stop(const Channel& channel, bool immediate) = 0;
+  /// Called locked.
+  virtual void switch_output(const OutputConfig& output, bool on) = 0;
+  /// The line's name, for messages.
+  virtual const std::string& line_name() const = 0;
+
+  // ---- What it may use.
+
+  const std::vector<Channel>& channels() const { return channels_; }
+  const ControllerConfig& config() const { return config_; }
+  Clock& clock() const { return *clock_; }
+  Time reply_timeout() const { return from_seconds(config_.reply_timeout_s); }
+  std::unique_lock<std::recursive_mutex> lock() const { return std::unique_lock(mutex_); }
+  /// True if an exchange should end its waiting because a stop waits for the line.
+  bool gives_way() const { return stops_waiting_ > 0 && !stopping_; }
+  /// "axis yaw (channel Y of mc1 on /dev/ttyUSB0)"
+  std::string where(const Channel& channel) const;
+  /// "yaw: SetSpeed? Y: wanted 25, found 20"
+  static std::string difference(const Channel& channel, const std::string& what,
+                                const std::string& wanted, const std::string& found);
+  /// @throws ConfigError if an output of the rig file is not of the kind the controller understands.
+  void require_outputs(bool as_text) const;
+  /// Reads, and writes of settings, may be said again after silence or noise; motion commands never
+  /// come here.
+  template <class F>
+  auto retried(Time deadline, F&& exchange) {
+    constexpr int kAttempts = 3;
+    for (int attempt = 1;; ++attempt) {
+      try {
+        return exchange();
+      } catch (const TimeoutError&) {
+        if (attempt == kAttempts || clock_->now() >= deadline) throw;
+      } catch (const ProtocolError&) {
+        if (attempt == kAttempts || clock_->now() >= deadline) throw;
+      }
+    }
+  }
+
+ private:
+  class Port;
+  template <class Q>
+  class ChannelAxis;
+  template <class Q>
+  Axis<Q>* find(AxisId id);
+  void require_ready() const;
+  void stop_channel(const Channel& channel, bool immediate);
+
+  ControllerConfig config_;
+  Clock* clock_;
+  std::vector<Channel> channels_;
+  std::vector<std::unique_ptr<Port>> ports_;  ///< by channel
+  mutable std::recursive_mutex mutex_;        ///< the line, and all that is below
+  std::atomic<int> stops_waiting_{0};
+  std::atomic<bool> stopping_{false};
+  bool connected_ = false;
+  std::string details_;
+  std::vector<std::string> differences_;
+};
+
+}  // namespace turntable

@@ -1,0 +1,77 @@
+// Modbus, the master's side, through libmodbus: RTU frames on a serial line or a serial server, or
+// Modbus TCP through a gateway. Several slaves may share one line.
+//
+// libmodbus would wait in a select of its own and write past the wire log, so it never sees the
+// line: it makes and checks the frames (address, function, CRC, transaction) on a socket pair inside
+// this process, and what passes there is carried to and from the `Line` on the `Clock`.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "protocols/line.h"
+#include "src/core/errors.h"
+
+namespace turntable {
+
+/// The slave understood, and said no.
+class ModbusException : public DeviceError {
+ public:
+  ModbusException(const std::string& what, int code) : DeviceError(what), code_(code) {}
+  int code() const { return code_; }
+
+ private:
+  int code_;
+};
+
+class ModbusMaster {
+ public:
+  enum class Framing { kRtu, kTcp };
+  /// @param give_way asked every 20 ms while waiting: true ends the wait (somebody more urgent needs
+  /// the line).
+  ModbusMaster(Line line, Clock& clock, Framing framing, Time timeout,
+               std::function<bool()> give_way = {});
+  ~ModbusMaster();
+  ModbusMaster(const ModbusMaster&) = delete;
+  ModbusMaster& operator=(const ModbusMaster&) = delete;
+
+  // One exchange each; nothing is sent twice. Addresses are those on the wire, counted from 0.
+  // What is on the line from before is thrown away first; frames of other slaves are passed over.
+  // @throws TimeoutError, ProtocolError (bad CRC, not an answer to this), ModbusException, LineError.
+
+  /// Function 3.
+  std::vector<std::uint16_t> read_holding(int slave, std::uint16_t address, int count);
+  /// Function 4.
+  std::vector<std::uint16_t> read_input(int slave, std::uint16_t address, int count);
+  /// Function 6.
+  void write_register(int slave, std::uint16_t address, std::uint16_t value);
+  /// Function 16.
+  void write_registers(int slave, std::uint16_t address, std::span<const std::uint16_t> values);
+
+  const Line& line() const { return line_; }
+
+ private:
+  class Context;
+
+  std::vector<std::uint16_t> read(int function, int slave, std::uint16_t address, int count);
+  void write(const std::string& pdu, int slave);
+  std::string exchange(const std::string& pdu, int slave, std::size_t answer_bytes);
+  std::string answer_in(std::string_view received, int function, int slave,
+                        std::size_t answer_bytes);
+  void settle();
+
+  Line line_;
+  Clock* clock_;
+  Framing framing_;
+  Time timeout_;
+  std::function<bool()> give_way_;
+  std::unique_ptr<Context> context_;
+  std::uint16_t transaction_ = 0;  ///< kTcp: tells a late answer from the present one
+  bool in_step_ = true;            ///< false after an exchange that failed
+};
+
+}  // namespace turntable

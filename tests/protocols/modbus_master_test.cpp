@@ -1,0 +1,186 @@
+// The master's frames against bytes worked out by hand, and what it makes of a noisy bus.
+#include "protocols/modbus_master.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <array>
+#include <deque>
+
+namespace turntable {
+namespace {
+
+using ::testing::ElementsAre;
+
+/// Answers each request with the next of the prepared answers.
+class Peer final : public Actor {
+ public:
+  explicit Peer(Line line) : line_(std::move(line)) {}
+  int descriptor() const override { return line_.descriptor(); }
+  std::optional<Time> next_due() const override {
+    return late_.empty() ? std::nullopt : std::optional(due_);
+  }
+  void act(Time now) override {
+    std::array<char, 512> buffer;
+    if (const std::size_t n = line_.read_available(buffer, now); n > 0) {
+      heard.emplace_back(buffer.data(), n);
+      if (!answers.empty()) {
+        line_.write_available(answers.front(), now);
+        answers.pop_front();
+      }
+      if (!then.empty()) {
+        late_ = std::exchange(then, {});
+        due_ = now + after;
+      }
+    }
+    if (!late_.empty() && now >= due_) line_.write_available(std::exchange(late_, {}), now);
+  }
+  std::deque<std::string> answers;
+  std::string then;  ///< comes `after` the next answer
+  Time after = std::chrono::milliseconds{30};
+  std::vector<std::string> heard;
+
+ private:
+  Line line_;
+  std::string late_;
+  Time due_{0};
+};
+
+std::string bytes(std::string_view hex) {
+  std::string out;
+  for (std::size_t i = 0; i + 1 < hex.size(); i += 2)
+    out += static_cast<char>(std::stoi(std::string(hex.substr(i, 2)), nullptr, 16));
+  return out;
+}
+
+class Modbus : public ::testing::Test {
+ protected:
+  explicit Modbus(ModbusMaster::Framing framing = ModbusMaster::Framing::kRtu)
+      : Modbus(framing, line_pair("bus")) {}
+  Modbus(ModbusMaster::Framing framing, std::pair<Line, Line> ends)
+      : peer(std::move(ends.second)),
+        master(std::move(ends.first), clock, framing, std::chrono::seconds{1},
+               [this] { return give_way; }) {
+    clock.attach(peer);
+  }
+  ~Modbus() override { clock.detach(peer); }
+  std::vector<std::uint16_t> read() { return master.read_input(1, 0x753F, 2); }
+
+  ManualClock clock;
+  Peer peer;
+  bool give_way = false;
+  ModbusMaster master;
+};
+
+// The bytes below were worked out by hand from the Modbus standard, outside this project.
+const std::string kAnswer = bytes("0104044145851FDD35");
+
+TEST_F(Modbus, ReadsAsTheStandardSays) {
+  peer.answers = {kAnswer};
+  EXPECT_THAT(read(), ElementsAre(0x4145, 0x851F));
+  EXPECT_THAT(peer.heard, ElementsAre(bytes("0104753F00025BCB")));
+}
+
+TEST_F(Modbus, WritesAsTheStandardSays) {
+  peer.answers = {bytes("0106756C005593E4"), bytes("011075610003CBDA")};
+  master.write_register(1, 0x756C, 0x55);
+  master.write_registers(1, 0x7561, std::array<std::uint16_t, 3>{0x64, 0x31, 0x50});
+  EXPECT_THAT(peer.heard, ElementsAre(bytes("0106756C005593E4"), bytes("01107561000306006400310050"
+                                                                       "2FCD")));
+}
+
+TEST_F(Modbus, RefusesTheConfirmationOfAnotherWrite) {
+  peer.answers = {bytes("011075610003CBDA")};
+  EXPECT_THROW(master.write_registers(1, 0x7562, std::array<std::uint16_t, 3>{0x64, 0x31, 0x50}),
+               ProtocolError);
+}
+
+TEST_F(Modbus, TurnsAnExceptionIntoItsCode) {
+  peer.answers = {bytes("018302C0F1")};
+  try {
+    master.read_holding(1, 0x7562, 1);
+    FAIL() << "accepted";
+  } catch (const ModbusException& e) {
+    EXPECT_EQ(e.code(), 2);
+  }
+}
+
+TEST_F(Modbus, FindsTheAnswerBehindNoiseAndFramesOfOthers) {
+  peer.answers = {bytes("FF01040400") + bytes("0204044145851FEE35") + bytes("02030000019C44") +
+                  kAnswer};
+  EXPECT_THAT(read(), ElementsAre(0x4145, 0x851F));
+}
+
+TEST_F(Modbus, PutsASplitAnswerTogether) {
+  peer.answers = {kAnswer.substr(0, 4)};
+  peer.then = kAnswer.substr(4);
+  EXPECT_THAT(read(), ElementsAre(0x4145, 0x851F));
+  EXPECT_GE(seconds(clock.now()), 0.03);
+}
+
+TEST_F(Modbus, TellsSilenceFromNoise) {
+  EXPECT_THROW(read(), TimeoutError);
+  EXPECT_NEAR(seconds(clock.now()), 1.0, 1e-6);
+  std::string spoilt = kAnswer;
+  spoilt[4] ^= 1;
+  peer.answers = {spoilt};
+  EXPECT_THROW(read(), ProtocolError);
+  peer.answers = {kAnswer.substr(0, 5)};
+  EXPECT_THROW(read(), ProtocolError);
+  peer.answers = {bytes("0204044145851FEE35")};  // only another slave spoke
+  EXPECT_THROW(read(), ProtocolError);
+  EXPECT_EQ(peer.heard.size(), 4u);  // and nothing was sent twice
+}
+
+TEST_F(Modbus, DoesNotTakeALateAnswerForTheNext) {
+  peer.then = bytes("01040400000000FB84");
+  peer.after = std::chrono::milliseconds{1030};
+  EXPECT_THROW(read(), TimeoutError);
+  peer.answers = {kAnswer};
+  EXPECT_THAT(read(), ElementsAre(0x4145, 0x851F));
+}
+
+TEST_F(Modbus, GivesWayToAStopWithin20Milliseconds) {
+  give_way = true;
+  EXPECT_THROW(read(), TimeoutError);
+  EXPECT_LE(seconds(clock.now()), 0.0201);
+}
+
+class ModbusGateway : public Modbus {
+ protected:
+  ModbusGateway() : Modbus(ModbusMaster::Framing::kTcp) {}
+};
+
+TEST_F(ModbusGateway, NumbersItsTransactions) {
+  peer.answers = {bytes("000100000007"
+                        "0104044145851F"),
+                  bytes("000200000007"
+                        "010404"
+                        "00000001")};
+  EXPECT_THAT(read(), ElementsAre(0x4145, 0x851F));
+  EXPECT_THAT(read(), ElementsAre(0, 1));
+  EXPECT_THAT(peer.heard, ElementsAre(bytes("000100000006"
+                                            "0104753F0002"),
+                                      bytes("000200000006"
+                                            "0104753F0002")));
+}
+
+TEST_F(ModbusGateway, PassesOverTheAnswerToAnEarlierTransaction) {
+  EXPECT_THROW(read(), TimeoutError);
+  peer.answers = {bytes("000100000007"
+                        "010404"
+                        "00000001") +
+                  bytes("000200000007"
+                        "0104044145851F")};
+  EXPECT_THAT(read(), ElementsAre(0x4145, 0x851F));
+}
+
+TEST_F(ModbusGateway, TakesItsWordThatASlaveIsSilent) {
+  peer.answers = {
+      bytes("000100000003"
+            "01840B")};
+  EXPECT_THROW(read(), TimeoutError);
+}
+
+}  // namespace
+}  // namespace turntable
