@@ -15,8 +15,8 @@ namespace turntable {
 namespace {
 
 constexpr ControllerModel kControllers[] = {
-    // model       baud   opens
-    {"zolix-mc600", 19200, open_zolix_mc600},
+    // model       baud   modbus opens
+    {"zolix-mc600", 19200, false, open_zolix_mc600},
 };
 
 constexpr CameraModel kCameras[] = {

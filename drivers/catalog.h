@@ -14,6 +14,7 @@ namespace turntable {
 struct ControllerModel {
   std::string_view model;
   int default_baud;
+  bool modbus;  ///< so that it can stand behind a Modbus gateway
   std::unique_ptr<Controller> (*open)(ControllerSetup);  ///< talks to nobody yet
 };
 

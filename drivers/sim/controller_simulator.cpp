@@ -100,6 +100,10 @@ void ControllerSimulator::clear_trouble() {
   alarms_.clear();
 }
 
+void ControllerSimulator::mend() {
+  for (const auto& axis : axes_) axis->jam(now_, AxisModel::Jam::kNone);
+}
+
 // ---- time
 
 std::optional<Time> ControllerSimulator::next_due() const {
@@ -164,12 +168,14 @@ void ControllerSimulator::reset(Time now) {
 void ControllerSimulator::serve(Request request, Time now,
                                 const std::function<std::string()>& carry_out,
                                 const std::function<std::string(const std::string&)>& error) {
+  AxisModel* named = model(request.axis);
+  request.at = now;
+  if (named != nullptr) request.counter = named->counter_position(now);
   if (note_requests_) requests_.push_back(request);
 
   // Which faults strike this request?
   std::optional<Fault> reply_fault;
   std::optional<std::string> forced;
-  AxisModel* named = model(request.axis);
   for (Armed& armed : faults_) {
     const Fault& fault = armed.fault;
     if (!fault.verb.empty() && !same_word(fault.verb, request.verb) &&

@@ -35,9 +35,11 @@ class ControllerSimulator : public Actor {
  public:
   /// A request as a person would tell of it.
   struct Request {
-    std::string verb;            ///< the device's word
-    std::string kind;            ///< "move", "home", "stop", "status", "set", "get"
-    std::optional<AxisId> axis;  ///< that it names
+    std::string verb;              ///< the device's word
+    std::string kind;              ///< "move", "home", "stop", "status", "set", "get"
+    std::optional<AxisId> axis{};  ///< that it names
+    Time at{0};                    ///< when it came
+    double counter = 0;            ///< of the axis that it names, then
   };
 
   /// Takes the far end of a line; drops the one it had.
@@ -51,6 +53,8 @@ class ControllerSimulator : public Actor {
   const AxisModel& axis(AxisId id) const;
   /// A person releases the emergency stop and resets the alarms.
   void clear_trouble();
+  /// A mechanic frees axes that are stuck.
+  void mend();
   /// Told when a digital output of the rig file is switched.
   void on_output(std::function<void(const std::string& name, bool on, Time)> listener) {
     output_listener_ = std::move(listener);

@@ -230,7 +230,7 @@ void Mc600::take(std::string_view command, Time now) {
   const std::string_view rest = space == std::string_view::npos ? "" : command.substr(space + 1);
   const Arguments arguments = split(rest);
 
-  Request request{verb, verb.ends_with('?') ? "get" : "set", {}};
+  Request request{verb, verb.ends_with('?') || verb == "hello" ? "get" : "set"};
   if (verb == "position?") request.kind = "status";
   if (verb == "goposition" || verb == "goorigion" || verb.starts_with("gointerpolation"))
     request.kind = "move";

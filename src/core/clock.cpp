@@ -52,6 +52,7 @@ Time ManualClock::now() const {
 
 void ManualClock::settle() {
   std::vector<pollfd> watched;
+  std::optional<std::chrono::steady_clock::time_point> waiting_since;
   for (bool busy = true; busy;) {
     busy = false;
     watched.clear();
@@ -63,6 +64,11 @@ void ManualClock::settle() {
       actors_[i]->act(now_);
       busy = true;
     }
+    if (busy || !in_flight_ || !in_flight_()) continue;
+    const auto wall = std::chrono::steady_clock::now();
+    if (!waiting_since) waiting_since = wall;
+    busy = wall - *waiting_since < std::chrono::seconds{1};
+    std::this_thread::sleep_for(std::chrono::microseconds{20});
   }
 }
 
@@ -81,6 +87,11 @@ bool ManualClock::wait_readable(int fd, Time deadline) {
 }
 
 void ManualClock::sleep_until(Time deadline) { wait_readable(-1, deadline); }
+
+void ManualClock::set_in_flight(std::function<bool()> in_flight) {
+  const std::lock_guard lock(mutex_);
+  in_flight_ = std::move(in_flight);
+}
 
 void ManualClock::attach(Actor& actor) {
   const std::lock_guard lock(mutex_);

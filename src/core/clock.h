@@ -5,6 +5,7 @@
 #pragma once
 
 #include <chrono>
+#include <functional>
 #include <mutex>
 #include <optional>
 #include <string>
@@ -66,6 +67,9 @@ class ManualClock final : public Clock {
   /// The actor must outlive the clock or be detached.
   void attach(Actor& actor);
   void detach(Actor& actor);
+  /// For lines that the system delivers a moment later (ptys, TCP): while `in_flight` says true,
+  /// time stands still, for at most a second by the wall.
+  void set_in_flight(std::function<bool()> in_flight);
 
  private:
   void settle();  ///< lets every actor answer until all are quiet at the present time
@@ -73,6 +77,7 @@ class ManualClock final : public Clock {
   mutable std::recursive_mutex mutex_;
   Time now_{0};
   std::vector<Actor*> actors_;
+  std::function<bool()> in_flight_;
 };
 
 /// Runs actors in real time until an interrupt: the same simulators, for people (`turntable
