@@ -11,6 +11,7 @@ namespace turntable {
 class AxisController::Port {
  public:
   virtual ~Port() = default;
+  virtual void trust_reference() = 0;
   virtual void begin_stop() = 0;
   virtual void finish_stop() = 0;
 };
@@ -26,6 +27,7 @@ class AxisController::ChannelAxis final : public Port, public AxisPort<Q> {
         axis_(channel().config, *this, *controller.clock_, timing) {}
 
   Axis<Q>* axis() { return &axis_; }
+  void trust_reference() override { axis_.trust_reference(); }
   void begin_stop() override { axis_.begin_stop(); }
   void finish_stop() override { axis_.finish_stop(); }
 
@@ -137,6 +139,18 @@ void AxisController::require_ready() const {
                     "be moved:\n  {}\nCorrect the rig file, or let the controller be configured "
                     "from it.",
                     config_.name, line_name(), fmt::join(differences_, "\n  ")));
+}
+
+void AxisController::trust_reference(AxisId id) {
+  const auto guard = lock();
+  for (const Channel& channel : channels_) {
+    if (channel.config.id != id) continue;
+    if (!may_be_homed(channel))
+      throw DeviceError(fmt::format(
+          "{}: the controller says that it has not been homed since it was switched on. Home it.",
+          where(channel)));
+    ports_[channel.index]->trust_reference();
+  }
 }
 
 void AxisController::pulse_output(const std::string& name) {

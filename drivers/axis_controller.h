@@ -25,6 +25,7 @@ class AxisController : public Controller {
   void configure() final;
   Axis<Millimetres>* linear_axis(AxisId id) final;
   Axis<Degrees>* rotary_axis(AxisId id) final;
+  void trust_reference(AxisId id) final;
   void pulse_output(const std::string& name) final;
   void stop_all() final;
 
@@ -59,6 +60,8 @@ class AxisController : public Controller {
   /// Reads, retrying a bounded number of times (`retried`) and not past `deadline`. Called
   /// unlocked: every exchange takes the lock for itself, so that a stop can come between.
   virtual AxisStatus<Steps> status(const Channel& channel, Time deadline) = 0;
+  /// False if the controller knows that the axis has not been homed since it was switched on.
+  virtual bool may_be_homed(const Channel&) { return true; }
   /// May be sent again. Called locked, with everybody else giving way.
   virtual void send_stop(const Channel& channel, bool immediate) = 0;
   /// Called locked.

@@ -15,13 +15,13 @@ namespace turntable {
 namespace {
 
 constexpr ControllerModel kControllers[] = {
-    // model       baud   modbus opens
-    {"zolix-mc600", 19200, false, open_zolix_mc600},
+    // model       baud   modbus opens           identifies
+    {"zolix-mc600", 19200, false, open_zolix_mc600, identify_zolix_mc600},
 };
 
 constexpr CameraModel kCameras[] = {
-    // model   opens
-    {"folder", open_folder_camera},
+    // model   opens               finds
+    {"folder", open_folder_camera, nullptr},
 };
 
 constexpr Time kConnectTimeout = std::chrono::seconds{5};
@@ -42,22 +42,50 @@ const Row& row_of(const Row (&table)[N], std::string_view model, const std::stri
 std::span<const ControllerModel> controller_models() { return kControllers; }
 std::span<const CameraModel> camera_models() { return kCameras; }
 
+namespace {
+
+const ControllerModel& model_of(const ControllerConfig& controller) {
+  return row_of(kControllers, controller.model,
+                fmt::format("/controllers/{}/model", controller.name));
+}
+
+}  // namespace
+
+bool speaks_modbus(const ControllerConfig& controller) { return model_of(controller).modbus; }
+
+void check_controller(const ControllerConfig& controller) {
+  if (controller.line.kind == LineConfig::Kind::kModbusTcp && !speaks_modbus(controller))
+    throw ConfigError("rig", fmt::format("/controllers/{}/line/modbus_tcp", controller.name),
+                      fmt::format("{} does not speak Modbus. A serial server is a \"tcp\" line.",
+                                  controller.model));
+}
+
 std::unique_ptr<Controller> open_controller(ControllerSetup setup) {
-  const ControllerModel& row = row_of(kControllers, setup.controller.model,
-                                      fmt::format("/controllers/{}/model", setup.controller.name));
-  return row.open(std::move(setup));
+  check_controller(setup.controller);
+  return model_of(setup.controller).open(std::move(setup));
 }
 
 Line open_line(const ControllerConfig& controller) {
+  check_controller(controller);
   const LineConfig& line = controller.line;
-  if (line.kind == LineConfig::Kind::kSerial) {
-    const ControllerModel& row = row_of(kControllers, controller.model,
-                                        fmt::format("/controllers/{}/model", controller.name));
-    return open_serial(line.serial_port, line.baud != 0 ? line.baud : row.default_baud, line.parity,
+  if (line.kind == LineConfig::Kind::kSerial)
+    return open_serial(line.serial_port,
+                       line.baud != 0 ? line.baud : model_of(controller).default_baud, line.parity,
                        line.stop_bits);
-  }
   assert(line.kind != LineConfig::Kind::kSimulated);  // that is one end of a line_pair
   return open_tcp(line.host, line.tcp_port, kConnectTimeout);
+}
+
+std::string identify(Clock& clock, const std::function<Line(const ControllerModel&)>& open) {
+  for (const ControllerModel& model : kControllers) {
+    try {
+      if (const std::string who = model.identify(open(model), clock); !who.empty())
+        return fmt::format("{} ({})", who, model.model);
+    } catch (const Error& e) {
+      return e.what();
+    }
+  }
+  return "nobody that this program knows answers";
 }
 
 std::unique_ptr<Camera> open_camera(CameraSetup setup) {

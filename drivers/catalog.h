@@ -2,9 +2,12 @@
 // controller's simulator is the same in drivers/sim, and a test asserts that the two tables agree.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <span>
+#include <string>
 #include <string_view>
+#include <vector>
 
 #include "drivers/camera.h"
 #include "drivers/controller.h"
@@ -16,9 +19,18 @@ struct ControllerModel {
   int default_baud;
   bool modbus;  ///< so that it can stand behind a Modbus gateway
   std::unique_ptr<Controller> (*open)(ControllerSetup);  ///< talks to nobody yet
+  /// Asks who is there, by queries alone; empty if it is another model, or nobody.
+  std::string (*identify)(Line, Clock&);
 };
 
 std::span<const ControllerModel> controller_models();
+
+/// @throws ConfigError for an unknown model.
+bool speaks_modbus(const ControllerConfig& controller);
+
+/// @throws ConfigError for an unknown model, or a Modbus gateway before a controller that does not
+/// speak Modbus.
+void check_controller(const ControllerConfig& controller);
 
 /// @throws ConfigError for an unknown model or channel.
 std::unique_ptr<Controller> open_controller(ControllerSetup setup);
@@ -27,9 +39,14 @@ std::unique_ptr<Controller> open_controller(ControllerSetup setup);
 /// @throws LineError, TimeoutError.
 Line open_line(const ControllerConfig& controller);
 
+/// Asks, model by model and by queries alone, who is at a line that nobody else has.
+/// @param open opens it as the model needs it. @return what answered, or why nobody did.
+std::string identify(Clock& clock, const std::function<Line(const ControllerModel&)>& open);
+
 struct CameraModel {
   std::string_view model;
   std::unique_ptr<Camera> (*open)(CameraSetup);
+  std::vector<std::string> (*find)();  ///< those that are there, one line each; nullptr = unknown
 };
 
 std::span<const CameraModel> camera_models();

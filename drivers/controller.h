@@ -28,6 +28,9 @@ class Controller {
   /// nullptr if the axis is not on this controller or has the other unit.
   virtual Axis<Millimetres>* linear_axis(AxisId id) = 0;
   virtual Axis<Degrees>* rotary_axis(AxisId id) = 0;
+  /// A person vouches that the axis was homed since the controller was switched on, and that nothing
+  /// has gone wrong since. @throws DeviceError if the controller knows better.
+  virtual void trust_reference(AxisId id) = 0;
   /// Switches a digital output of the rig file on and, after its pulse, off again.
   /// @throws ConfigError if there is no such output, DeviceError if the controller refuses.
   virtual void pulse_output(const std::string& name) = 0;

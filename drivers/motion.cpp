@@ -178,6 +178,19 @@ Q MotionAxis<Q>::position() {
   return guarded(stops_, [&] { return read_position(); });
 }
 
+template <class Q>
+std::string MotionAxis<Q>::condition() {
+  const auto status = port_->status(clock_->now() + from_seconds(timing_.reply_timeout));
+  std::string text = status.motion == Motion::kMoving ? "moves" : "";
+  const auto add = [&](std::string_view words) {
+    text += fmt::format("{}{}", text.empty() ? "" : ", ", words);
+  };
+  if (status.lower_limit) add("lower limit switch is on");
+  if (status.upper_limit) add("upper limit switch is on");
+  if (!status.fault.empty()) add(status.fault);
+  return text;
+}
+
 // ---- moving
 
 template <class Q>

@@ -17,6 +17,7 @@ using std::chrono::milliseconds;
 
 constexpr Time kQuiet = milliseconds{50};
 constexpr Time kResync = milliseconds{300};
+constexpr Time kIdentify = milliseconds{200};
 constexpr std::string_view kChannels = "XYZT";
 
 std::string upper(std::string_view text) {
@@ -267,6 +268,18 @@ void Mc600::write_setup() {
 
 std::unique_ptr<Controller> open_zolix_mc600(ControllerSetup setup) {
   return std::make_unique<Mc600>(std::move(setup));
+}
+
+std::string identify_zolix_mc600(Line line, Clock& clock) {
+  AsciiDialog dialog(std::move(line), clock, {});
+  dialog.resync(kQuiet, kResync);  // what others may have said to it before
+  try {
+    dialog.ask("Hello", kIdentify, [](std::string_view reply) { return upper(reply) == "OK"; });
+    return "Zolix MC600";
+  } catch (const TimeoutError&) {
+  } catch (const ProtocolError&) {
+  }
+  return {};
 }
 
 }  // namespace turntable

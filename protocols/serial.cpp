@@ -89,6 +89,23 @@ Line open_serial(const std::string& path, int baud, Parity parity, int stop_bits
                                        : open_port(real, path, baud, parity, stop_bits);
 }
 
+std::vector<SerialPort> list_serial_ports() {
+  std::vector<SerialPort> ports;
+  sp_port** list = nullptr;
+  if (sp_list_ports(&list) != SP_OK) return ports;
+  const auto text = [](const char* s) { return std::string(s != nullptr ? s : ""); };
+  for (sp_port** port = list; *port != nullptr; ++port) {
+    SerialPort found{sp_get_port_name(*port), text(sp_get_port_description(*port)), ""};
+    int vendor = 0, product = 0;
+    if (sp_get_port_usb_vid_pid(*port, &vendor, &product) == SP_OK)
+      found.usb_id =
+          fmt::format("{:04x}:{:04x} {}", vendor, product, text(sp_get_port_usb_serial(*port)));
+    ports.push_back(std::move(found));
+  }
+  sp_free_port_list(list);
+  return ports;
+}
+
 Pty make_pty() {
   const int master = ::posix_openpt(O_RDWR | O_NOCTTY | O_CLOEXEC);
   if (master < 0) fail("/dev/ptmx", std::strerror(errno));

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "protocols/line.h"
 #include "src/core/rig_file.h"
@@ -13,6 +14,14 @@ namespace turntable {
 /// @param baud bits per second; has no effect on a pty. @throws LineError.
 Line open_serial(const std::string& path, int baud, Parity parity = Parity::kNone,
                  int stop_bits = 1);
+
+/// A serial port that the system lists.
+struct SerialPort {
+  std::string path;         ///< /dev/ttyUSB0
+  std::string description;  ///< "FT232R USB UART"
+  std::string usb_id;       ///< "0403:6001 A10K0XYZ", empty if it is not on USB
+};
+std::vector<SerialPort> list_serial_ports();
 
 /// A new pty whose far end any program may open as if it were a serial port.
 struct Pty {

@@ -25,20 +25,39 @@ std::string SimulatedCamera::identity() const {
 
 ImageSize SimulatedCamera::image_size() const { return size_; }
 
-Frame SimulatedCamera::trigger() {
+void SimulatedCamera::wire_input(bool rising, std::function<void()> fire) {
+  rising_ = rising;
+  fire_ = std::move(fire);
+}
+
+void SimulatedCamera::input(bool on) {
+  if (fire_ && on == rising_) exposed_ = expose();
+}
+
+Frame SimulatedCamera::expose() {
   Frame frame;
   frame.id = next_id_++;
   frame.timestamp = clock_.now();
-  if (faults_.lost_frames.contains(frame.id)) {
-    clock_.sleep_for(from_seconds(frame_timeout_s_));
-    throw TimeoutError(
-        fmt::format("camera: no frame within {:.1f} s of the trigger (frame {}). Check the cable, "
-                    "the trigger mode and the exposure time.",
-                    frame_timeout_s_, frame.id));
-  }
-  frame.image = renderer_.render(frame.id);
-  clock_.sleep_for(from_seconds(kExposureAndTransferS));
+  if (!faults_.lost_frames.contains(frame.id)) frame.image = renderer_.render(frame.id);
   return frame;
+}
+
+Frame SimulatedCamera::trigger() {
+  exposed_.reset();
+  if (fire_)
+    fire_();
+  else
+    exposed_ = expose();
+  if (exposed_ && !exposed_->image.pixels.empty()) {
+    clock_.sleep_for(from_seconds(kExposureAndTransferS));
+    return *std::move(exposed_);
+  }
+  clock_.sleep_for(from_seconds(frame_timeout_s_));
+  throw TimeoutError(
+      fmt::format("camera: no frame within {:.1f} s of the trigger{}. Check the cable, the trigger "
+                  "mode and the "
+                  "exposure time.",
+                  frame_timeout_s_, exposed_ ? fmt::format(" (frame {})", exposed_->id) : ""));
 }
 
 }  // namespace turntable::sim

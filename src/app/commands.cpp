@@ -14,6 +14,7 @@
 
 #include "src/app/open_rig.h"
 #include "src/app/progress.h"
+#include "src/app/rig_lock.h"
 #include "src/campaign/planning.h"
 #include "src/campaign/runner.h"
 #include "src/core/errors.h"
@@ -240,7 +241,8 @@ int run_command(const RunArguments& a) {
 
   // The devices are asked before anything is written or moves.
   std::fflush(stdout);
-  Rig rig = open_rig(rig_file, {a.configure, a.assume_mounted, a.wire_log});
+  const RigLock lock(rig_file, fmt::format("run {}", a.scenario.string()));
+  Rig rig = open_rig(rig_file, {a.configure, a.assume_mounted, a.wire_log, a.speed});
   fmt::print("devices:\n");
   print_list(rig.identities);
   const RunFolder folder = RunFolder::create(root, plan);
@@ -357,15 +359,6 @@ int report_command(const std::vector<fs::path>& runs) {
         std::max(code, finish(folder, stored, stored_solvers(folder), SpotSource::kJournal, false));
   }
   return code;
-}
-
-int simulate_command(const SimulateArguments& a) {
-  const RigFile rig = load_rig_file(a.rig);
-  if (!a.links.empty()) fs::create_directories(a.links);
-  fmt::print("Simulated controllers of {}; Ctrl-C ends.\n", rig.file);
-  std::fflush(stdout);
-  simulate_rig(rig, a.links);
-  return kDone;
 }
 
 }  // namespace turntable

@@ -31,6 +31,7 @@ struct RunArguments {
   std::vector<std::string> solvers;
   std::string images = "regions";
   bool dry_run = false, configure = false, assume_mounted = false;
+  double speed = 1.0;
 };
 int run_command(const RunArguments& a);
 
@@ -49,8 +50,40 @@ int evaluate_command(const EvaluateArguments& a);
 
 int report_command(const std::vector<std::filesystem::path>& runs);
 
+// ---- the rig by hand (rig_commands.cpp)
+
+/// What every verb that opens a rig by hand takes.
+struct HandArguments {
+  std::filesystem::path rig, wire_log;
+  double speed = 1.0;
+  bool homed = false;  ///< a person vouches for the references
+};
+
+struct DevicesArguments {
+  std::vector<std::string> ports, hosts;  ///< also ask these; "host:port"
+  bool listed_only = false;               ///< send nothing to anybody
+};
+int devices_command(const DevicesArguments& a);
+
+int status_command(const HandArguments& a);
+
+struct HomeArguments : HandArguments {
+  std::vector<std::string> axes;  ///< none = all
+  bool configure = false;
+};
+int home_command(const HomeArguments& a);
+
+struct MoveArguments : HandArguments {
+  std::vector<std::string> targets;  ///< axis, value, axis, value, ...
+  bool relative = false, home = false;
+};
+int move_command(const MoveArguments& a);
+
+int stop_command(const HandArguments& a);
+
 struct SimulateArguments {
-  std::filesystem::path rig, links;
+  std::filesystem::path rig, links, faults;
+  double speed = 1.0;
 };
 int simulate_command(const SimulateArguments& a);
 

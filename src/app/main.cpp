@@ -140,6 +140,9 @@ int main(int argc, char** argv) {
   run_verb->add_option("--calibration", run.calibration, "camera calibration instead of a sweep");
   run_verb->add_option("--images", run.images, image_modes)->capture_default_str();
   run_verb->add_option("--wire-log", run.wire_log, "append every byte on every line to this file");
+  run_verb
+      ->add_option("--speed", run.speed, "of the clock, for devices served by \"simulate --speed\"")
+      ->check(CLI::Range(0.01, 100.0));
   run_verb->add_flag("--dry-run", run.dry_run, "check everything, move nothing, write nothing");
   run_verb->add_flag("--configure", run.configure,
                      "write the rig file's set-up into the controllers first");
@@ -175,14 +178,80 @@ int main(int argc, char** argv) {
   report_verb->footer("Example:\n  turntable report results/runs/20260131T120000Z-quick");
   report_verb->callback([&] { code = guarded([&] { return report_command(reports); }); });
 
+  DevicesArguments devices;
+  auto* devices_verb = app.add_subcommand(
+      "devices", "List serial ports, what answers there without moving it, and cameras");
+  devices_verb->add_option("--port", devices.ports, "ask at this port or pty too");
+  devices_verb->add_option("--tcp", devices.hosts, "ask at this serial server too, host:port");
+  devices_verb->add_flag("--list", devices.listed_only, "only list, send nothing to anybody");
+  devices_verb->footer(
+      "Example:\n  turntable devices --tcp 10.0.0.7:4001\n"
+      "Only queries are sent, to each port in every known language. Ports in use are left alone.");
+  devices_verb->callback([&] { code = guarded([&] { return devices_command(devices); }); });
+
+  const auto by_hand = [](CLI::App& verb, HandArguments& a) {
+    verb.add_option("--rig", a.rig, "rig file")->required();
+    verb.add_option("--wire-log", a.wire_log, "append every byte on every line to this file");
+    verb.add_option("--speed", a.speed, "of the clock, for devices served by \"simulate --speed\"")
+        ->check(CLI::Range(0.01, 100.0));
+  };
+  HandArguments status;
+  auto* status_verb =
+      app.add_subcommand("status", "Say how the controllers are set up and where the axes stand");
+  by_hand(*status_verb, status);
+  status_verb->footer("Example:\n  turntable status --rig scenarios/rigs/lab_example.json");
+  status_verb->callback([&] { code = guarded([&] { return status_command(status); }); });
+
+  HomeArguments home;
+  auto* home_verb = app.add_subcommand("home", "Find the home switches, one axis after the other");
+  home_verb->add_option("axes", home.axes, "stage, yaw, roll, pitch (default: all)");
+  by_hand(*home_verb, home);
+  home_verb->add_flag("--configure", home.configure,
+                      "write the rig file's set-up into the controllers first");
+  home_verb->footer(
+      "Example:\n  turntable home yaw pitch --rig scenarios/rigs/lab_example.json\n"
+      "Ctrl-C stops the axes at once.");
+  home_verb->callback([&] { code = guarded([&] { return home_command(home); }); });
+
+  MoveArguments move;
+  auto* move_verb = app.add_subcommand("move", "Move axes, all at the same time");
+  move_verb->add_option("targets", move.targets, "axis and value, mm or deg; several pairs")
+      ->required();
+  by_hand(*move_verb, move);
+  move_verb->add_flag("--relative", move.relative, "values are from where the axis stands");
+  auto* home_first = move_verb->add_flag("--home", move.home, "home these axes first");
+  move_verb
+      ->add_flag("--homed", move.homed,
+                 "I vouch: homed since the controllers were switched on, nothing wrong since")
+      ->excludes(home_first);
+  move_verb->footer(
+      "Examples:\n  turntable move yaw 10 pitch -5 --home --rig scenarios/rigs/lab_example.json\n"
+      "  turntable move stage 2.5 --relative --homed --rig scenarios/rigs/lab_example.json\n"
+      "Limits hold, overshoot included. Ctrl-C stops the axes at once.");
+  move_verb->callback([&] { code = guarded([&] { return move_command(move); }); });
+
+  HandArguments stop;
+  auto* stop_verb =
+      app.add_subcommand("stop", "Stop all axes, and whoever moves them, also in another process");
+  by_hand(*stop_verb, stop);
+  stop_verb->footer("Example:\n  turntable stop --rig scenarios/rigs/lab_example.json");
+  stop_verb->callback([&] { code = guarded([&] { return stop_command(stop); }); });
+
   SimulateArguments simulate;
   auto* simulate_verb = app.add_subcommand(
-      "simulate", "Serve the simulated controllers of a rig in real time on ptys and TCP ports");
+      "simulate",
+      "Serve the simulated devices of a rig in real time: controllers on ptys and TCP "
+      "ports, a gige camera on loopback");
   simulate_verb->add_option("rig", simulate.rig, "rig file")->required();
   simulate_verb->add_option("--links", simulate.links,
                             "folder for links to the ptys, named after the controllers");
+  simulate_verb->add_option("--faults", simulate.faults, "what is to go wrong, a fault file");
+  simulate_verb->add_option("--speed", simulate.speed, "times as fast as real devices")
+      ->check(CLI::Range(0.01, 100.0));
   simulate_verb->footer(
-      "Example:\n  turntable simulate scenarios/rigs/simulated.json --links /tmp/rig");
+      "Examples:\n  turntable simulate scenarios/rigs/simulated.json --links /tmp/rig\n"
+      "  turntable simulate scenarios/rigs/simulated.json --links /tmp/rig --speed 10 --faults "
+      "scenarios/faults/example.json");
   simulate_verb->callback([&] { code = guarded([&] { return simulate_command(simulate); }); });
 
   try {

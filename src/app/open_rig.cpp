@@ -1,8 +1,10 @@
 #include "src/app/open_rig.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <fstream>
 #include <iostream>
@@ -10,6 +12,7 @@
 #include "drivers/catalog.h"
 #include "drivers/sim/camera.h"
 #include "drivers/sim/catalog.h"
+#include "drivers/sim/fault_file.h"
 #include "drivers/sim/serve.h"
 #include "src/core/errors.h"
 #include "src/record/image_archive.h"
@@ -26,20 +29,25 @@ std::vector<AxisConfig> axes_on(const RigFile& file, const std::string& controll
 
 std::unique_ptr<sim::ControllerSimulator> simulator_for(const RigFile& file,
                                                         const ControllerConfig& controller) {
-  return sim::simulate_controller(controller.model, {axes_on(file, controller.name),
-                                                     file.simulation->axes, file.simulation->seed});
+  return sim::simulate_controller(
+      controller.model,
+      {axes_on(file, controller.name), file.simulation->axes, file.simulation->seed, controller});
 }
 
-/// Writes every byte as text: "12.345678 mc1 > Position? X\r".
+/// Writes every byte: "12.345678 mc1 > Position? X\r", or "12.345678 mc2 > 01 04 75 3b 00 0a".
 class WireLogFile {
  public:
   explicit WireLogFile(const std::filesystem::path& file) : out_(file, std::ios::app) {
     if (!out_) throw RecordError(file.string() + ": the wire log cannot be written.");
   }
-  void write(const std::string& line, Direction direction, std::string_view bytes, Time time) {
+  /// @param as_text false: binary, as hexadecimal bytes.
+  void write(const std::string& line, bool as_text, Direction direction, std::string_view bytes,
+             Time time) {
     std::string shown;
     for (const char c : bytes) {
-      if (c == '\r')
+      if (!as_text)
+        shown += fmt::format("{}{:02x}", shown.empty() ? "" : " ", static_cast<unsigned char>(c));
+      else if (c == '\r')
         shown += "\\r";
       else if (c == '\n')
         shown += "\\n";
@@ -74,7 +82,16 @@ void ask_to_mount(Payload payload) {
     throw Interrupted("interrupted while the payload was being changed");
 }
 
-Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
+/// The controllers, before there is a camera, and what the simulated ones hide.
+struct Axes {
+  Rig rig;
+  std::vector<Controller*> controllers;  ///< by order of the rig file
+  std::map<std::string, sim::ControllerSimulator*> simulators;
+  std::map<AxisId, const sim::AxisModel*> models;
+};
+
+Axes open_controllers(const RigFile& file, const OpenRigOptions& options,
+                      std::vector<std::string>* differences) {
   const auto simulated_line = [](const ControllerConfig& c) {
     return c.line.kind == LineConfig::Kind::kSimulated;
   };
@@ -84,7 +101,13 @@ Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
         file.file, "/controllers",
         "mixes simulated and real lines, which keep different time. Serve the simulated ones with "
         "\"turntable simulate\" and name their ports here.");
-  Rig rig;
+  if (options.speed != 1.0 && !file.simulation)
+    throw ConfigError(file.file, "/simulation",
+                      "is missing, so these are real devices, whose time cannot run faster. Remove "
+                      "--speed.");
+
+  Axes axes;
+  Rig& rig = axes.rig;
   rig.simulated = file.simulated();
   ManualClock* manual = nullptr;
   if (all_simulated) {
@@ -92,7 +115,7 @@ Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
     rig.clock = manual = clock.get();
     rig.owned.push_back(clock);
   } else {
-    auto clock = std::make_shared<SystemClock>();
+    auto clock = std::make_shared<SystemClock>(options.speed);
     rig.clock = clock.get();
     rig.owned.push_back(clock);
   }
@@ -100,11 +123,10 @@ Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
   std::shared_ptr<WireLogFile> wire_log;
   if (!options.wire_log.empty()) wire_log = std::make_shared<WireLogFile>(options.wire_log);
 
-  std::map<AxisId, const sim::AxisModel*> models;
-  std::vector<Controller*> controllers;
   for (const ControllerConfig& config : file.controllers) {
-    const std::vector<AxisConfig> axes = axes_on(file, config.name);
-    if (axes.empty())
+    check_controller(config);
+    const std::vector<AxisConfig> on_it = axes_on(file, config.name);
+    if (on_it.empty())
       throw ConfigError(file.file, "/controllers/" + config.name,
                         "turns no axis. Remove it or give it one.");
     std::optional<Line> near_end;
@@ -113,22 +135,23 @@ Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
       auto [near_side, far_side] = line_pair(config.name);
       near_end.emplace(std::move(near_side));
       simulator->plug(std::move(far_side));
-      for (const AxisConfig& axis : axes) models[axis.id] = &simulator->axis(axis.id);
+      for (const AxisConfig& axis : on_it) axes.models[axis.id] = &simulator->axis(axis.id);
+      axes.simulators[config.name] = simulator.get();
       manual->attach(*simulator);
       rig.owned.push_back(simulator);
     } else {
       near_end.emplace(open_line(config));
     }
     if (wire_log)
-      near_end->set_log(
-          [wire_log, name = config.name](Direction d, std::string_view bytes, Time t) {
-            wire_log->write(name, d, bytes, t);
-          });
+      near_end->set_log([wire_log, name = config.name, as_text = !speaks_modbus(config)](
+                            Direction d, std::string_view bytes, Time t) {
+        wire_log->write(name, as_text, d, bytes, t);
+      });
     std::shared_ptr<Controller> controller =
-        open_controller({config, axes, std::move(*near_end), rig.clock});
+        open_controller({config, on_it, std::move(*near_end), rig.clock});
     rig.owned.push_back(controller);
-    controllers.push_back(controller.get());
-    for (const AxisConfig& axis : axes) {
+    axes.controllers.push_back(controller.get());
+    for (const AxisConfig& axis : on_it) {
       if (axis.id == AxisId::kStage) rig.stage = controller->linear_axis(axis.id);
       if (axis.id == AxisId::kYaw) rig.yaw = controller->rotary_axis(axis.id);
       if (axis.id == AxisId::kRoll) rig.roll = controller->rotary_axis(axis.id);
@@ -136,22 +159,25 @@ Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
     }
   }
 
-  std::string differences;
-  for (Controller* controller : controllers) {
-    const std::vector<std::string> found = controller->connect();
+  std::vector<std::string> found;
+  for (Controller* controller : axes.controllers) {
+    if (!options.connect) break;
+    const std::vector<std::string> differs = controller->connect();
     if (options.configure)
       controller->configure();
     else
-      for (const std::string& difference : found) differences += "\n  " + difference;
+      found.insert(found.end(), differs.begin(), differs.end());
     rig.identities.push_back(controller->identity());
   }
-  if (!differences.empty())
+  if (differences != nullptr)
+    *differences = found;
+  else if (!found.empty())
     throw DeviceError(fmt::format(
-        "the controllers are not set up as {} says; nothing may move:{}\nCorrect the rig "
+        "the controllers are not set up as {} says; nothing may move:\n  {}\nCorrect the rig "
         "file, or write its set-up into the controllers with --configure.",
-        file.file, differences));
+        file.file, fmt::join(found, "\n  ")));
 
-  rig.stop_all = [controllers] {
+  rig.stop_all = [controllers = axes.controllers] {
     std::exception_ptr first;
     for (Controller* controller : controllers) {
       try {
@@ -162,10 +188,41 @@ Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
     }
     if (first) std::rethrow_exception(first);
   };
+  rig.trust_references = [controllers = axes.controllers] {
+    for (Controller* controller : controllers)
+      for (const AxisId id : kAllAxes) controller->trust_reference(id);
+  };
+  return axes;
+}
 
+/// Pulses what is wired to the camera's input; empty if nothing that this program knows is.
+std::function<void()> fire_of(const RigFile& file, const Axes& axes) {
+  const TriggerConfig& trigger = file.camera.trigger;
+  if (trigger.output.empty()) return {};
+  for (std::size_t i = 0; i < file.controllers.size(); ++i)
+    if (file.controllers[i].name == trigger.controller)
+      return [controller = axes.controllers[i], output = trigger.output] {
+        controller->pulse_output(output);
+      };
+  return {};
+}
+
+/// Lets the camera of a simulated rig see the edges of the output that is wired to it.
+void wire_output(const RigFile& file, const Axes& axes, std::function<void(bool on)> input) {
+  const auto simulator = axes.simulators.find(file.camera.trigger.controller);
+  if (simulator == axes.simulators.end()) return;
+  simulator->second->on_output([input = std::move(input), wired = file.camera.trigger.output](
+                                   const std::string& name, bool on, Time) {
+    if (name == wired) input(on);
+  });
+}
+
+Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
+  Axes axes = open_controllers(file, options, nullptr);
+  Rig& rig = axes.rig;
   if (file.camera.model == "simulated") {
     // A world on controllers that live in another process knows only what they report.
-    const auto where = [models, clock = rig.clock, stage = rig.stage, yaw = rig.yaw,
+    const auto where = [models = axes.models, clock = rig.clock, stage = rig.stage, yaw = rig.yaw,
                         roll = rig.roll, pitch = rig.pitch](AxisId id) {
       if (const auto it = models.find(id); it != models.end())
         return it->second->true_position(clock->now());
@@ -175,23 +232,26 @@ Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
     auto world = std::make_shared<sim::World>(file, where);
     auto camera =
         std::make_shared<sim::SimulatedCamera>(*rig.clock, *world, file.camera.frame_timeout_s);
+    if (file.camera.trigger.source == TriggerConfig::Source::kLine) {
+      camera->wire_input(file.camera.trigger.rising, fire_of(file, axes));
+      wire_output(file, axes, [input = camera.get()](bool on) { input->input(on); });
+    }
     rig.camera = camera.get();
     rig.mount = [world](Payload payload) { world->mount(payload); };
     rig.owned.push_back(world);
     rig.owned.push_back(camera);
   } else {
     const std::shared_ptr<Camera> camera =
-        open_camera({file.camera,
-                     rig.clock,
+        open_camera({file.camera, rig.clock,
                      [](const std::filesystem::path& image) { return load_image(image); },
-                     {}});
+                     fire_of(file, axes)});
     rig.camera = camera.get();
     rig.owned.push_back(camera);
     rig.mount =
         options.assume_mounted ? std::function<void(Payload)>([](Payload) {}) : ask_to_mount;
   }
   rig.identities.push_back(rig.camera->identity());
-  return rig;
+  return std::move(rig);
 }
 
 /// The drivers do not know the rig file's name.
@@ -205,10 +265,12 @@ auto naming_the_file(const RigFile& file, Work&& work) {
   }
 }
 
-void serve_devices(const RigFile& file, const std::filesystem::path& links) {
+void serve_devices(const RigFile& file, const ServeOptions& options) {
   if (!file.simulation)
     throw ConfigError(file.file, "/simulation",
                       "is missing: it says what is true of the simulated rig.");
+  std::vector<sim::NamedFault> faults;
+  if (!options.faults.empty()) faults = sim::load_fault_file(options.faults);
   std::vector<std::unique_ptr<sim::ControllerSimulator>> simulators;
   std::vector<sim::ServedController> served;
   for (const ControllerConfig& config : file.controllers) {
@@ -216,11 +278,21 @@ void serve_devices(const RigFile& file, const std::filesystem::path& links) {
     sim::ServedController s;
     s.name = config.name;
     s.simulator = simulators.back().get();
-    if (config.line.kind == LineConfig::Kind::kTcp) s.tcp_port = config.line.tcp_port;
-    if (!links.empty()) s.link = links / config.name;
+    if (config.line.kind == LineConfig::Kind::kTcp ||
+        config.line.kind == LineConfig::Kind::kModbusTcp)
+      s.tcp_port = config.line.tcp_port;
+    if (!options.links.empty()) s.link = options.links / config.name;
     served.push_back(s);
   }
-  SystemClock clock;
+  for (const sim::NamedFault& named : faults) {
+    const auto it = std::ranges::find(served, named.controller, &sim::ServedController::name);
+    if (it == served.end())
+      throw ConfigError(
+          options.faults.string(), named.place,
+          fmt::format("found \"{}\", allowed: a controller of {}.", named.controller, file.file));
+    it->simulator->add_fault(named.fault);
+  }
+  SystemClock clock(options.speed);
   sim::serve_controllers(clock, served, std::cout);
 }
 
@@ -230,8 +302,14 @@ Rig open_rig(const RigFile& file, const OpenRigOptions& options) {
   return naming_the_file(file, [&] { return open_devices(file, options); });
 }
 
-void simulate_rig(const RigFile& file, const std::filesystem::path& links) {
-  naming_the_file(file, [&] { serve_devices(file, links); });
+Rig open_axes(const RigFile& file, const OpenRigOptions& options,
+              std::vector<std::string>* differences) {
+  return naming_the_file(
+      file, [&] { return std::move(open_controllers(file, options, differences).rig); });
+}
+
+void simulate_rig(const RigFile& file, const ServeOptions& options) {
+  naming_the_file(file, [&] { serve_devices(file, options); });
 }
 
 }  // namespace turntable

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
+#include <vector>
 
 #include "src/core/rig.h"
 
@@ -11,6 +13,8 @@ struct OpenRigOptions {
   bool configure = false;          ///< write the rig file's set-up into the controllers before use
   bool assume_mounted = false;     ///< do not ask for a person when the payload changes
   std::filesystem::path wire_log;  ///< every byte on every line, with time; empty = none
+  double speed = 1.0;              ///< of the clock, for devices served by `simulate --speed`
+  bool connect = true;             ///< false: nobody is asked anything, only a stop is possible
 };
 
 /// Opens lines, controllers and camera, and verifies the controllers' set-up against the rig file.
@@ -20,9 +24,19 @@ struct OpenRigOptions {
 /// TimeoutError, DeviceError (set-up differs, every difference named).
 Rig open_rig(const RigFile& file, const OpenRigOptions& options = {});
 
-/// `turntable simulate`: the rig's controllers in real time on ptys (and TCP ports where the rig
-/// file names one) until interrupted. @param links folder for symbolic links named after the
-/// controllers; empty = none.
-void simulate_rig(const RigFile& file, const std::filesystem::path& links);
+/// The same without a camera. @param differences if given, a set-up that differs is told there
+/// instead of thrown; motion is blocked then.
+Rig open_axes(const RigFile& file, const OpenRigOptions& options = {},
+              std::vector<std::string>* differences = nullptr);
+
+struct ServeOptions {
+  std::filesystem::path links;   ///< folder for links to the ptys, named after the controllers
+  std::filesystem::path faults;  ///< what is to go wrong (drivers/sim/fault_file.h)
+  double speed = 1.0;
+};
+
+/// `turntable simulate`: the rig's devices in real time, controllers on ptys (and TCP ports where
+/// the rig file names one), until interrupted.
+void simulate_rig(const RigFile& file, const ServeOptions& options);
 
 }  // namespace turntable

@@ -54,6 +54,8 @@ class Axis {
 
   /// The controller's position (a pulse counter on open-loop stages).
   virtual Q position() = 0;
+  /// What the controller tells of the axis now, for people: "stands", "moves, upper limit switch".
+  virtual std::string condition() { return {}; }
   /// Time a move would take, s; used for plans and ETA.
   virtual double move_seconds(Q from, Q to) const = 0;
   /// Halts and verifies the halt; forgets any move under way. Never throws LimitError.

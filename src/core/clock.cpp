@@ -24,15 +24,22 @@ bool readable(int fd, milliseconds wait) {
 
 }  // namespace
 
-SystemClock::SystemClock() : start_(std::chrono::steady_clock::now()) {}
+SystemClock::SystemClock(double speed) : start_(std::chrono::steady_clock::now()), speed_(speed) {}
 
-Time SystemClock::now() const { return std::chrono::steady_clock::now() - start_; }
+Time SystemClock::now() const {
+  const Time wall = std::chrono::steady_clock::now() - start_;
+  return speed_ == 1.0 ? wall : from_seconds(speed_ * seconds(wall));
+}
+
+milliseconds SystemClock::slice_of(Time wait) const {
+  const Time wall = speed_ == 1.0 ? wait : from_seconds(seconds(wait) / speed_);
+  return std::clamp(std::chrono::ceil<milliseconds>(wall), milliseconds{0}, kSlice);
+}
 
 bool SystemClock::wait_readable(int fd, Time deadline) {
   for (;;) {
     const Time left = deadline - now();
-    const auto slice = std::clamp(std::chrono::ceil<milliseconds>(left), milliseconds{0}, kSlice);
-    if (readable(fd, slice)) return true;
+    if (readable(fd, slice_of(left))) return true;
     if (left <= Time{0}) return false;
     throw_if_stopping_now();
   }
@@ -40,7 +47,7 @@ bool SystemClock::wait_readable(int fd, Time deadline) {
 
 void SystemClock::sleep_until(Time deadline) {
   while (now() < deadline) {
-    std::this_thread::sleep_for(std::min<Time>(deadline - now(), kSlice));
+    std::this_thread::sleep_for(slice_of(deadline - now()));
     throw_if_stopping_now();
   }
 }
@@ -106,12 +113,12 @@ void ManualClock::detach(Actor& actor) {
 void serve(SystemClock& clock, const std::vector<Actor*>& actors) {
   while (interrupt_level() == 0) {
     std::vector<pollfd> watched;
-    Time next = clock.now() + kSlice;
+    Time next = Time::max();
     for (const Actor* actor : actors) {
       watched.push_back({actor->descriptor(), POLLIN, 0});
       if (const auto due = actor->next_due()) next = std::min(next, *due);
     }
-    const auto wait = std::chrono::ceil<milliseconds>(std::max(next - clock.now(), Time{0}));
+    const milliseconds wait = clock.slice_of(next - clock.now());
     ::poll(watched.data(), watched.size(), static_cast<int>(wait.count()));
     const std::vector<Actor*> present = actors;  // acting may add to the list
     for (std::size_t i = 0; i < present.size(); ++i) {

@@ -35,13 +35,18 @@ class Clock {
 /// Monotonic wall time. Waits end early when an interrupt at level 2 arrives (core/interrupt.h).
 class SystemClock final : public Clock {
  public:
-  SystemClock();
+  /// @param speed > 0: so many seconds of this clock pass in one by the wall. Other than 1 only for
+  /// simulated devices, and then on both ends of the line.
+  explicit SystemClock(double speed = 1.0);
   Time now() const override;
   bool wait_readable(int fd, Time deadline) override;
   void sleep_until(Time deadline) override;
+  /// How long that is by the wall, at most 20 ms.
+  std::chrono::milliseconds slice_of(Time wait) const;
 
  private:
   std::chrono::steady_clock::time_point start_;
+  double speed_;
 };
 
 /// Somebody at the far end of a descriptor: a simulated device, a listening socket.

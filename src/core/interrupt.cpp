@@ -11,10 +11,12 @@ namespace {
 
 std::atomic<int> g_level{0};
 static_assert(std::atomic<int>::is_always_lock_free, "the signal handler touches it");
+std::atomic<bool> g_stop_at_first{false};
 thread_local int t_shields = 0;
 
 extern "C" void on_signal(int signal) {
-  const int level = signal == SIGINT ? g_level.load() + 1 : 2;
+  const int before = g_level.load();
+  const int level = signal == SIGINT && !(g_stop_at_first && before == 0) ? before + 1 : 2;
   if (level > 2) std::_Exit(130);
   g_level.store(level);
 }
@@ -23,6 +25,8 @@ extern "C" void on_signal(int signal) {
 
 int interrupt_level() { return g_level.load(); }
 void set_interrupt_level(int level) { g_level.store(level); }
+
+void stop_at_first_interrupt() { g_stop_at_first = true; }
 
 void install_interrupt_handlers() {
   struct sigaction action {};

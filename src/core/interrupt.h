@@ -9,6 +9,8 @@ int interrupt_level();
 /// Raises the level by one for SIGINT and to 2 for SIGTERM and SIGHUP; ignores SIGPIPE. A third
 /// Ctrl-C kills.
 void install_interrupt_handlers();
+/// From now on the first Ctrl-C already stops the axes: for verbs without poses to finish.
+void stop_at_first_interrupt();
 /// For tests, and for ending `serve`.
 void set_interrupt_level(int level);
 /// @throws Interrupted at level 1 and above; called between poses.

@@ -25,6 +25,9 @@ struct Rig {
   /// Stops every axis: first all commands, then all verifications. Any thread, any state. Empty =
   /// axis by axis.
   std::function<void()> stop_all;
+  /// A person vouches that every axis was homed since its controller was switched on.
+  /// Throws if a controller knows better.
+  std::function<void()> trust_references;
   /// Puts a payload on the table: a person on a real rig, the world on a simulated one. Throws if
   /// refused.
   std::function<void(Payload)> mount;

@@ -440,9 +440,9 @@ TEST_P(EveryController, NoticesThatItIsHeldByALimitSwitch) {
   EXPECT_FALSE(r->yaw().homed());
 }
 
-const auto law_name = [](const auto& info) { return info.param.name(); };
-INSTANTIATE_TEST_SUITE_P(Catalogue, EveryController,
-                         ::testing::ValuesIn(laws_over(kAllTransports)), law_name);
+std::string law_name(const ::testing::TestParamInfo<Law>& law) { return law.param.name(); }
+INSTANTIATE_TEST_SUITE_P(Catalogue, EveryController, ::testing::ValuesIn(laws_over(kAllTransports)),
+                         law_name);
 INSTANTIATE_TEST_SUITE_P(Catalogue, EveryControllerExactly,
                          ::testing::ValuesIn(laws_over(std::array{Transport::kSocketPair})),
                          law_name);

@@ -1,0 +1,211 @@
+#include "src/app/rig_lock.h"
+
+#include <fmt/format.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <array>
+#include <atomic>
+#include <cerrno>
+#include <cstddef>
+#include <cstring>
+#include <set>
+#include <thread>
+
+#include "src/core/clock.h"
+#include "src/core/errors.h"
+#include "src/core/interrupt.h"
+
+namespace turntable {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::steady_clock;
+
+class Descriptor {
+ public:
+  explicit Descriptor(int fd) : fd_(fd) {}
+  Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
+  Descriptor& operator=(Descriptor&& other) noexcept {
+    std::swap(fd_, other.fd_);
+    return *this;
+  }
+  ~Descriptor() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+  int get() const { return fd_; }
+
+ private:
+  int fd_;
+};
+
+/// What stands for a line, whichever way a rig file names it; empty for a simulated one.
+std::string line_id(const LineConfig& line) {
+  switch (line.kind) {
+    case LineConfig::Kind::kSimulated:
+      return {};
+    case LineConfig::Kind::kSerial: {
+      std::error_code error;
+      const auto real = std::filesystem::canonical(line.serial_port, error);
+      return error ? line.serial_port : real.string();
+    }
+    default:
+      return fmt::format("{}:{}", line.host, line.tcp_port);
+  }
+}
+
+std::set<std::string> line_ids(const RigFile& rig) {
+  std::set<std::string> ids;
+  for (const ControllerConfig& controller : rig.controllers)
+    if (std::string id = line_id(controller.line); !id.empty()) ids.insert(std::move(id));
+  return ids;
+}
+
+struct Address {
+  sockaddr_un address{};
+  socklen_t size = 0;
+};
+
+/// An abstract name: its first byte is 0, and no file stands for it.
+Address address_of(const std::string& id) {
+  Address a;
+  a.address.sun_family = AF_UNIX;
+  std::string name = "turntable-line:" + id;
+  name.resize(std::min(name.size(), sizeof a.address.sun_path - 1));
+  std::memcpy(a.address.sun_path + 1, name.data(), name.size());
+  a.size = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + 1 + name.size());
+  return a;
+}
+
+Descriptor new_socket() { return Descriptor(::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0)); }
+
+bool readable(int fd, milliseconds wait) {
+  pollfd p{fd, POLLIN, 0};
+  return ::poll(&p, 1, static_cast<int>(wait.count())) > 0;
+}
+
+/// Connects to whoever has the line and says a word. @return -1 if nobody is there.
+Descriptor call(const std::string& id, std::string_view word) {
+  Descriptor fd = new_socket();
+  const Address a = address_of(id);
+  if (::connect(fd.get(), reinterpret_cast<const sockaddr*>(&a.address), a.size) != 0)
+    return Descriptor(-1);
+  ::send(fd.get(), word.data(), word.size(), MSG_NOSIGNAL);
+  return fd;
+}
+
+/// What comes until a line ends or nothing more does.
+std::string heard(int fd, milliseconds wait) {
+  std::string text;
+  std::array<char, 512> buffer;
+  while (text.find('\n') == text.npos && readable(fd, wait)) {
+    const ssize_t n = ::recv(fd, buffer.data(), buffer.size(), 0);
+    if (n <= 0) break;
+    text.append(buffer.data(), static_cast<std::size_t>(n));
+  }
+  return text.substr(0, text.find('\n'));
+}
+
+}  // namespace
+
+/// Answers at the names of the lines, on a thread of its own.
+class RigLock::Server {
+ public:
+  Server(const RigFile& rig, std::string doing)
+      : who_(fmt::format("process {}: turntable {}, since {}", ::getpid(), doing, utc_now())) {
+    for (const std::string& id : line_ids(rig)) claim(id);
+    if (!names_.empty()) thread_ = std::thread([this] { answer(); });
+  }
+  ~Server() {
+    ending_ = true;
+    if (thread_.joinable()) thread_.join();
+  }
+
+ private:
+  void claim(const std::string& id) {
+    Descriptor fd = new_socket();
+    const Address a = address_of(id);
+    if (::bind(fd.get(), reinterpret_cast<const sockaddr*>(&a.address), a.size) != 0 ||
+        ::listen(fd.get(), 8) != 0) {
+      const auto holder = line_holder(id);
+      throw DeviceError(
+          fmt::format("{} is in use by {}. Only one program may move what is on it: wait for its "
+                      "end, or stop it "
+                      "with \"turntable stop\".",
+                      id, holder ? holder->who : "another process"));
+    }
+    names_.push_back(std::move(fd));
+  }
+
+  void answer() {
+    std::vector<pollfd> watched;
+    for (const Descriptor& name : names_) watched.push_back({name.get(), POLLIN, 0});
+    while (!ending_) {
+      if (::poll(watched.data(), watched.size(), 20) <= 0) continue;
+      for (const pollfd& p : watched) {
+        if ((p.revents & POLLIN) == 0) continue;
+        Descriptor caller(::accept4(p.fd, nullptr, nullptr, SOCK_CLOEXEC));
+        const std::string word = heard(caller.get(), milliseconds{200});
+        if (word == "stop") set_interrupt_level(std::max(interrupt_level(), 2));
+        const std::string text = who_ + "\n";
+        ::send(caller.get(), text.data(), text.size(), MSG_NOSIGNAL);
+        callers_.push_back(std::move(caller));  // closed when the line is let go
+        if (callers_.size() > 64) callers_.erase(callers_.begin());
+      }
+    }
+  }
+
+  std::string who_;
+  std::vector<Descriptor> names_, callers_;
+  std::atomic<bool> ending_{false};
+  std::thread thread_;
+};
+
+RigLock::RigLock(const RigFile& rig, std::string doing)
+    : server_(std::make_unique<Server>(rig, std::move(doing))) {}
+RigLock::~RigLock() = default;
+RigLock::RigLock(RigLock&&) noexcept = default;
+
+std::optional<LineHolder> line_holder(const std::string& line) {
+  std::error_code error;
+  const auto real = std::filesystem::canonical(line, error);
+  const std::string id = error ? line : real.string();
+  const Descriptor fd = call(id, "who\n");
+  if (fd.get() < 0) return std::nullopt;
+  const std::string who = heard(fd.get(), milliseconds{1000});
+  return LineHolder{id, who.empty() ? "a process that does not answer" : who};
+}
+
+std::vector<LineHolder> line_holders(const RigFile& rig) {
+  std::vector<LineHolder> holders;
+  for (const std::string& id : line_ids(rig))
+    if (auto holder = line_holder(id)) holders.push_back(std::move(*holder));
+  return holders;
+}
+
+std::vector<LineHolder> order_stop(const RigFile& rig, milliseconds timeout) {
+  std::vector<LineHolder> holders;
+  std::vector<Descriptor> calls;
+  for (const std::string& id : line_ids(rig)) {
+    Descriptor fd = call(id, "stop\n");
+    if (fd.get() < 0) continue;
+    holders.push_back({id, heard(fd.get(), milliseconds{1000})});
+    calls.push_back(std::move(fd));
+  }
+  const auto end = steady_clock::now() + timeout;
+  for (std::size_t i = 0; i < calls.size(); ++i) {
+    // The connection ends when the line is let go, and that is after the axes have been stopped.
+    const auto left = std::chrono::duration_cast<milliseconds>(end - steady_clock::now());
+    char byte = 0;
+    if (!readable(calls[i].get(), std::max(left, milliseconds{0})) ||
+        ::recv(calls[i].get(), &byte, 1, 0) != 0)
+      throw TimeoutError(fmt::format(
+          "{} was told to stop and still has {} after {:.0f} s. USE THE EMERGENCY STOP.",
+          holders[i].who, holders[i].line, std::chrono::duration<double>(timeout).count()));
+  }
+  return holders;
+}
+
+}  // namespace turntable
