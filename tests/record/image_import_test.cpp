@@ -87,18 +87,20 @@ std::string tiff_with_pixels_last(Image& image, std::size_t rows_per_strip) {
 
 class ImportImage : public ::testing::Test {
  protected:
-  /// Every way of cutting the file is refused.
+  /// Wherever the file is cut, it is refused, or no pixel was lost (a TIFF may end in padding).
   void expect_no_cut_is_accepted(const std::filesystem::path& file) {
     const std::string bytes = slurp(file);
     ASSERT_GT(bytes.size(), 100u) << file;
-    EXPECT_EQ(complaint_about(file), "none") << file;
+    const Image whole = import_image(file);
     testing::internal::CaptureStderr();  // the decoders' own complaints
     std::vector<std::size_t> accepted;
     const std::size_t size = bytes.size(), tail = size - 9;
     for (std::size_t length = 0; length < size;
          length = length < tail ? std::min(length + size / 23, tail) : length + 1) {
       spill(folder / "cut", std::string_view(bytes).substr(0, length));
-      if (complaint_about(folder / "cut") == "none") accepted.push_back(length);
+      if (complaint_about(folder / "cut") == "none" &&
+          import_image(folder / "cut").pixels != whole.pixels)
+        accepted.push_back(length);
     }
     testing::internal::GetCapturedStderr();
     EXPECT_THAT(accepted, IsEmpty()) << file << " of " << size << " bytes";
