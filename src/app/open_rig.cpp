@@ -12,7 +12,7 @@
 #include "drivers/sim/catalog.h"
 #include "drivers/sim/serve.h"
 #include "src/core/errors.h"
-#include "src/record/image_archive.h"
+#include "src/record/image_import.h"
 
 namespace turntable {
 namespace {
@@ -183,7 +183,7 @@ Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
     const std::shared_ptr<Camera> camera =
         open_camera({file.camera,
                      rig.clock,
-                     [](const std::filesystem::path& image) { return load_image(image); },
+                     [](const std::filesystem::path& image) { return import_image(image); },
                      {}});
     rig.camera = camera.get();
     rig.owned.push_back(camera);
