@@ -6,6 +6,7 @@
 #include <cassert>
 
 #include "drivers/camera_folder.h"
+#include "drivers/camera_usb.h"
 #include "drivers/zolix_mc600.h"
 #include "protocols/serial.h"
 #include "protocols/tcp.h"
@@ -22,6 +23,7 @@ constexpr ControllerModel kControllers[] = {
 constexpr CameraModel kCameras[] = {
     // model   opens               finds
     {"folder", open_folder_camera, nullptr},
+    {"usb", open_usb_camera, find_usb_cameras},
 };
 
 constexpr Time kConnectTimeout = std::chrono::seconds{5};

@@ -6,6 +6,7 @@ set -euo pipefail
 packages=(
   g++ cmake ninja-build ccache pkg-config git ca-certificates
   libeigen3-dev libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev libopencv-calib3d-dev
+  libopencv-videoio-dev
   nlohmann-json3-dev libvalijson-dev libcli11-dev libfmt-dev libspdlog-dev
   libboost-dev libserialport-dev libmodbus-dev libssl-dev
   libgtest-dev libgmock-dev libbenchmark-dev

@@ -15,7 +15,7 @@
 #include "drivers/sim/fault_file.h"
 #include "drivers/sim/serve.h"
 #include "src/core/errors.h"
-#include "src/record/image_archive.h"
+#include "src/record/image_import.h"
 
 namespace turntable {
 namespace {
@@ -243,7 +243,7 @@ Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
   } else {
     const std::shared_ptr<Camera> camera =
         open_camera({file.camera, rig.clock,
-                     [](const std::filesystem::path& image) { return load_image(image); },
+                     [](const std::filesystem::path& image) { return import_image(image); },
                      fire_of(file, axes)});
     rig.camera = camera.get();
     rig.owned.push_back(camera);

@@ -88,9 +88,13 @@ class Acquisition {
   }
 
  private:
-  /// The devices have the last word on limits and image size, and have it before anything moves.
+  /// The devices have the last word on limits and images, and have it before anything moves.
   void check_devices() const {
     check_size(rig_.camera->image_size());
+    std::vector<Exposure> exposures;
+    for (const PlannedPose& pose : plan_.poses)
+      for (int i = 0; i < pose.images; ++i) exposures.push_back(exposure(pose, i));
+    rig_.camera->check(exposures);
     const auto check = [this](AxisId id, double target) {
       with_axis(rig_, id, [target](auto& axis) { axis.check(quantity(axis, target)); });
     };
@@ -106,6 +110,19 @@ class Acquisition {
           fmt::format("camera: found an image of {} x {} px, allowed: {} x {} px as the rig file "
                       "says. Correct the one or the other.",
                       found.width, found.height, allowed.width, allowed.height));
+  }
+
+  /// @param i counts the images of the pose from 0.
+  Exposure exposure(const PlannedPose& pose, int i) const {
+    return {plan_.scenario_of(pose).name,
+            pose.repeat,
+            static_cast<std::size_t>(pose.point),
+            pose.index,
+            i + 1,
+            pose.stage_mm,
+            pose.yaw_deg,
+            pose.roll_deg,
+            pose.pitch_deg};
   }
 
   Json start_document(const Json& provenance) const {
@@ -168,7 +185,7 @@ class Acquisition {
     }
     job.taken.rig_time_s = seconds(rig_.clock->now());
     report("exposing");
-    for (int i = 0; i < pose.images; ++i) job.frames.push_back(trigger(pose));
+    for (int i = 0; i < pose.images; ++i) job.frames.push_back(trigger(pose, i));
 
     const double waiting = wall_s();
     worker.push(std::move(job));
@@ -232,10 +249,11 @@ class Acquisition {
     summary_.motion_s += elapsed - settle;
   }
 
-  Frame trigger(const PlannedPose& pose) {
+  Frame trigger(const PlannedPose& pose, int i) {
     const Time began = rig_.clock->now();
     for (int attempt = 0;; ++attempt) {
       try {
+        rig_.camera->announce(exposure(pose, i));
         Frame frame = rig_.camera->trigger();
         check_size(frame.image.size());
         summary_.trigger_s += seconds(rig_.clock->now() - began);

@@ -41,11 +41,11 @@ struct AcquireSummary {
   double wall_s = 0.0;
 };
 
-/// The plan must have passed `check_plan`; every target is checked again by the axes themselves
-/// before the first move. `provenance` goes into the start document as it is. Whatever ends the
+/// The plan must have passed `check_plan`; every target is checked again by the axes themselves,
+/// and every exposure by the camera, before the first move. `provenance` goes into the start document as it is. Whatever ends the
 /// run, all axes are stopped and the journal's stop document says why; poses already taken are
 /// archived and journaled first.
-/// @throws Interrupted, LimitError, TimeoutError, DeviceError, ProtocolError, LineError,
+/// @throws ConfigError if the camera cannot answer the plan; Interrupted, LimitError, TimeoutError, DeviceError, ProtocolError, LineError,
 /// RecordError.
 AcquireSummary acquire(Rig& rig, const RigFile& rig_file, const Plan& plan, const RunFolder& folder,
                        const nlohmann::json& provenance, const AcquireOptions& options = {},

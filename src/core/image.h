@@ -45,6 +45,20 @@ struct Image {
   ImageSize size() const { return {width, height}; }
 };
 
+/// Pixels as an image library hands them out: 8 or 16 bit in the machine's own byte order; one
+/// channel is grey, three or four are blue, green, red and an opacity that nobody looks at.
+struct ForeignPixels {
+  const void* data = nullptr;
+  ImageSize size;
+  std::ptrdiff_t stride = 0;  ///< bytes from row to row
+  int channels = 1;
+  int bits = 8;
+};
+
+/// Grey stays as it is, colour becomes its luma (ITU-R BT.601: 0.299 red, 0.587 green, 0.114 blue),
+/// and of 16 bits the upper eight are kept.
+Image to_grey(const ForeignPixels& pixels);
+
 /// One exposure.
 struct Frame {
   Image image;

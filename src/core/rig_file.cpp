@@ -253,12 +253,15 @@ class Reader {
     if (camera.model == "usb" && camera.device.empty())
       fail("/camera/device",
            "is missing: camera model \"usb\" needs a device such as /dev/video0, or a video file.");
+    // "usb": a device by name or number; anything else is a file beside the rig file.
+    if (camera.model == "usb" && camera.device.find_first_not_of("0123456789") != std::string::npos)
+      camera.device = (folder_ / camera.device).string();
     camera.pixel_format = c.value("pixel_format", camera.pixel_format);
     if (c.contains("exposure_us")) camera.exposure_us = number(c.at("exposure_us"));
     if (c.contains("gain")) camera.gain = number(c.at("gain"));
     if (c.contains("offset_px")) camera.offset_px = c.at("offset_px").get<std::array<int, 2>>();
     camera.packet_bytes = c.value("packet_bytes", 0);
-    camera.stale_frames = c.value("stale_frames", camera.stale_frames);
+    if (c.contains("stale_frames")) camera.stale_frames = c.at("stale_frames").get<int>();
     if (c.contains("trigger")) camera.trigger = trigger(rig, c.at("trigger"));
 
     if (c.contains("folder")) camera.folder = folder_ / c.at("folder").get<std::string>();
@@ -273,6 +276,11 @@ class Reader {
     camera.layout = c.value("layout", "");
     if (!camera.layout.empty() && !camera.replay)
       fail("/camera/layout", "says where images taken earlier are: it needs \"replay\": true.");
+    for (const char* key : {"files", "order"})
+      if (!camera.layout.empty() && c.contains(key))
+        fail(fmt::format("/camera/{}", key),
+             "found beside a layout, which names every file by itself. Remove the one or the "
+             "other.");
 
     camera.image_size = {c.at("image_size_px").at(0), c.at("image_size_px").at(1)};
     camera.frame_timeout_s = c.value("frame_timeout_ms", 2000.0) / 1000.0;

@@ -107,7 +107,8 @@ struct CameraConfig {
   std::optional<double> exposure_us, gain;  ///< nothing = as the camera is set
   std::array<int, 2> offset_px{0, 0};       ///< of the region on the sensor
   int packet_bytes = 0;                     ///< "gige": 0 = found out by the library
-  int stale_frames = 4;                     ///< "usb": thrown away before each exposure
+  std::optional<int> stale_frames;  ///< "usb": thrown away before each exposure; nothing = 4 of a
+                                    ///< device, 0 of a file
   TriggerConfig trigger;
   std::filesystem::path folder;  ///< of camera model "folder"
   bool replay = false;           ///< "folder": images taken earlier, in order

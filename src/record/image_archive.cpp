@@ -27,48 +27,6 @@ std::uint32_t big_endian(std::string_view bytes, std::size_t at) {
   return value;
 }
 
-/// What is wrong with a PNG file that should hold an 8-bit grey image; empty if nothing is. libpng
-/// hands out what it has got of a cut file and complains on stderr only, so the chunks are walked
-/// before it sees them.
-std::string complaint(std::string_view png) {
-  using namespace std::string_view_literals;
-  constexpr std::string_view kSignature = "\x89PNG\r\n\x1a\n"sv;
-  if (png.empty()) return "the file is empty. Take the image again or restore it from a copy.";
-  if (!png.starts_with(kSignature.substr(0, std::min(png.size(), kSignature.size()))))
-    return "this is not a PNG image. Convert it to an 8-bit grey PNG.";
-  const std::string cut = "the file is cut off. Take the image again or restore it from a copy.";
-  std::size_t at = kSignature.size();
-  bool first = true;
-  for (;;) {
-    if (png.size() < at + 12) return cut;
-    const std::size_t length = big_endian(png, at);
-    if (length > png.size() - at - 12) return cut;
-    const std::string_view type_and_data = png.substr(at + 4, 4 + length);
-    boost::crc_32_type crc;
-    crc.process_bytes(type_and_data.data(), type_and_data.size());
-    if (crc.checksum() != big_endian(png, at + 8 + length))
-      return "the file is damaged (a checksum inside it is wrong). Take the image again or restore "
-             "it from a copy.";
-    const std::string_view type = type_and_data.substr(0, 4);
-    if (first) {
-      if (type != "IHDR" || length != 13)
-        return "this is not a PNG image. Convert it to an 8-bit grey PNG.";
-      const int depth = static_cast<unsigned char>(type_and_data[12]);
-      const int colour = static_cast<unsigned char>(type_and_data[13]);
-      if (colour != 0)
-        return "found a colour, palette or transparent image, allowed: 8-bit grey. Convert it to "
-               "grey.";
-      if (depth != 8)
-        return fmt::format(
-            "found {} bits per pixel, allowed: 8-bit grey. Convert it, or set the camera to 8 bit.",
-            depth);
-      first = false;
-    }
-    if (type == "IEND") return {};
-    at += 12 + length;
-  }
-}
-
 }  // namespace
 
 std::string_view archive_mode_name(ArchiveMode mode) {
@@ -127,9 +85,48 @@ std::string encode_png(ImageView image) {
   }
 }
 
+std::string png_complaint(std::string_view png, PngPixels allowed) {
+  using namespace std::string_view_literals;
+  constexpr std::string_view kSignature = "\x89PNG\r\n\x1a\n"sv;
+  if (png.empty()) return "the file is empty. Take the image again or restore it from a copy.";
+  if (!png.starts_with(kSignature.substr(0, std::min(png.size(), kSignature.size()))))
+    return "this is not a PNG image. Convert it to an 8-bit grey PNG.";
+  const std::string cut = "the file is cut off. Take the image again or restore it from a copy.";
+  std::size_t at = kSignature.size();
+  bool first = true;
+  for (;;) {
+    if (png.size() < at + 12) return cut;
+    const std::size_t length = big_endian(png, at);
+    if (length > png.size() - at - 12) return cut;
+    const std::string_view type_and_data = png.substr(at + 4, 4 + length);
+    boost::crc_32_type crc;
+    crc.process_bytes(type_and_data.data(), type_and_data.size());
+    if (crc.checksum() != big_endian(png, at + 8 + length))
+      return "the file is damaged (a checksum inside it is wrong). Take the image again or restore "
+             "it from a copy.";
+    const std::string_view type = type_and_data.substr(0, 4);
+    if (first) {
+      if (type != "IHDR" || length != 13)
+        return "this is not a PNG image. Convert it to an 8-bit grey PNG.";
+      const int depth = static_cast<unsigned char>(type_and_data[12]);
+      const int colour = static_cast<unsigned char>(type_and_data[13]);
+      if (allowed == PngPixels::kGrey8 && colour != 0)
+        return "found a colour, palette or transparent image, allowed: 8-bit grey. Convert it to "
+               "grey.";
+      if (allowed == PngPixels::kGrey8 && depth != 8)
+        return fmt::format(
+            "found {} bits per pixel, allowed: 8-bit grey. Convert it, or set the camera to 8 bit.",
+            depth);
+      first = false;
+    }
+    if (type == "IEND") return {};
+    at += 12 + length;
+  }
+}
+
 Image load_image(const std::filesystem::path& file, std::string_view sha256) {
   std::string bytes = read_text(file);
-  if (const std::string wrong = complaint(bytes); !wrong.empty())
+  if (const std::string wrong = png_complaint(bytes); !wrong.empty())
     throw ConfigError(file.string(), "", wrong);
   if (!sha256.empty() && sha256_hex(bytes) != sha256)
     throw ConfigError(

@@ -36,6 +36,12 @@ Image keep_regions(ImageView image, std::span<const Region> regions, int margin_
 /// The bytes of a PNG file. @throws RecordError if encoding fails.
 std::string encode_png(ImageView image);
 
+enum class PngPixels { kGrey8, kAny };
+
+/// What is wrong with the bytes of a PNG file; empty if nothing is. libpng hands out what it has got
+/// of a cut file and complains on stderr only, so the chunks are walked before it sees them.
+std::string png_complaint(std::string_view png, PngPixels allowed = PngPixels::kGrey8);
+
 /// Reads an 8-bit grey PNG. The file is checked chunk by chunk before it is decoded, so a truncated
 /// or altered one is never taken for a dark image. @param sha256 if not empty, the file's bytes
 /// must have this hash.

@@ -229,6 +229,31 @@ TEST_F(RunnerTest, RefusesACameraOfAnotherSizeBeforeAnythingMoves) {
   EXPECT_FALSE(fake.stage.homed());
 }
 
+TEST_F(RunnerTest, TellsTheCameraWhatEachExposureIsOf) {
+  std::size_t checked = 0;
+  fake.camera.on_check = [&](std::span<const Exposure> all) { checked = all.size(); };
+  fake.camera.timeouts = 1;
+  run();
+  EXPECT_EQ(checked, 11u);
+  ASSERT_EQ(fake.camera.announced.size(), 12u);  // the repeated trigger too
+  std::string said;
+  for (const Exposure& e : fake.camera.announced)
+    said += fmt::format("{}/{}/{}/{}/{}:{},{},{},{} ", e.scenario, e.repeat, e.point, e.index,
+                        e.image, e.stage_mm, e.yaw_deg, e.roll_deg, e.pitch_deg);
+  EXPECT_THAT(said, HasSubstr("c/1/0/0/1:130,0,0,0 c/1/0/0/1:130,0,0,0 c/1/0/0/2:130,0,0,0 "
+                              "c/1/1/1/1:180,0,0,0 c/1/1/1/2:180,0,0,0 m/1/0/2/1:120,0,0,0 "
+                              "m/1/1/3/1:120,1,0,-10 "));
+}
+
+TEST_F(RunnerTest, RefusesAPlanThatTheCameraCannotAnswerBeforeAnythingMoves) {
+  fake.camera.on_check = [](std::span<const Exposure>) {
+    throw ConfigError("images", "", "3 are missing");
+  };
+  EXPECT_THROW(run(), ConfigError);
+  EXPECT_FALSE(fake.stage.homed());
+  EXPECT_EQ(fake.camera.triggers, 0);
+}
+
 TEST_F(RunnerTest, FirstInterruptEndsBetweenPoses) {
   fake.camera.on_trigger = [&] {
     if (fake.camera.triggers == 6) set_interrupt_level(1);

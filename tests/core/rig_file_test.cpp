@@ -86,6 +86,45 @@ TEST(RigFile, EverySlipIsNamedWithItsPlace) {
   }
 }
 
+/// simulated.json with another camera; `more` are its own keys.
+RigFile with_camera(const std::string& more) {
+  std::string text = text_of("simulated.json");
+  const std::string model = "\"model\": \"simulated\"";
+  text.replace(text.find(model), model.size(), more);
+  return parse_rig_file(text, "rig.json", kRigs);
+}
+
+TEST(RigFile, TakesAVideoFileFromBesideItselfAndADeviceAsItIs) {
+  const auto device = [](const std::string& name) {
+    return with_camera(R"("model": "usb", "device": ")" + name + "\"").camera.device;
+  };
+  EXPECT_EQ(device("shots/%03d.png"), (kRigs / "shots/%03d.png").string());
+  EXPECT_EQ(device("/dev/video2"), "/dev/video2");
+  EXPECT_EQ(device("2"), "2");
+  const RigFile rig = with_camera(R"("model": "usb", "device": "0", "stale_frames": 0)");
+  EXPECT_EQ(rig.camera.stale_frames, 0);
+  EXPECT_FALSE(with_camera(R"("model": "usb", "device": "0")").camera.stale_frames.has_value());
+}
+
+TEST(RigFile, RefusesCameraKeysThatWouldNotBeLookedAt) {
+  const std::string folder = R"("model": "folder", "folder": "x", )";
+  for (const auto& [more, pointer] : std::vector<std::pair<std::string, std::string>>{
+           {folder + R"("layout": "{point}.png")", "/camera/layout"},
+           {folder + R"("replay": true, "layout": "{point}.png", "files": "*.png")",
+            "/camera/files"},
+           {folder + R"("replay": true, "layout": "{point}.png", "order": "time")",
+            "/camera/order"},
+           {folder + R"("stale_frames": 1)", "/camera/stale_frames"},
+           {R"("model": "usb", "device": "0", "files": "*")", "/camera/files"},
+           {R"("model": "usb")", "/camera/device"}})
+    try {
+      with_camera(more);
+      ADD_FAILURE() << "accepted: " << more;
+    } catch (const ConfigError& e) {
+      EXPECT_EQ(e.pointer(), pointer) << e.what();
+    }
+}
+
 TEST(RigFile, ThatIsNotThereIsNamed) {
   EXPECT_THROW(load_rig_file("/nowhere/rig.json"), ConfigError);
   EXPECT_THROW(load_rig_file(kRigs), ConfigError);

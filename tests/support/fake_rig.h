@@ -7,6 +7,7 @@
 #include <limits>
 #include <numbers>
 #include <optional>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -82,6 +83,10 @@ class FakeCamera final : public Camera {
   FakeCamera(Clock& clock, Image image) : clock_(clock), image_(std::move(image)) {}
   std::string identity() const override { return "fake camera"; }
   ImageSize image_size() const override { return image_.size(); }
+  void check(std::span<const Exposure> exposures) const override {
+    if (on_check) on_check(exposures);
+  }
+  void announce(const Exposure& exposure) override { announced.push_back(exposure); }
   Frame trigger() override {
     ++triggers;
     if (on_trigger) on_trigger();
@@ -98,6 +103,8 @@ class FakeCamera final : public Camera {
   int triggers = 0;
   int timeouts = 0;  ///< so many triggers from now on stay unanswered
   std::function<void()> on_trigger;
+  std::function<void(std::span<const Exposure>)> on_check;
+  std::vector<Exposure> announced;
 
  private:
   Clock& clock_;
