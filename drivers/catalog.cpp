@@ -6,6 +6,7 @@
 #include <cassert>
 
 #include "drivers/camera_folder.h"
+#include "drivers/camera_gige.h"
 #include "drivers/zolix_mc600.h"
 #include "protocols/serial.h"
 #include "protocols/tcp.h"
@@ -22,6 +23,7 @@ constexpr ControllerModel kControllers[] = {
 constexpr CameraModel kCameras[] = {
     // model   opens
     {"folder", open_folder_camera},
+    {"gige", open_gige_camera},
 };
 
 constexpr Time kConnectTimeout = std::chrono::seconds{5};
