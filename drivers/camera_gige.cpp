@@ -22,6 +22,7 @@ using RealClock = std::chrono::steady_clock;
 constexpr int kBuffers = 4;
 constexpr auto kSlice = std::chrono::milliseconds{20};  // of waits: then somebody may have pulled
                                                         // the plug, or want to stop
+constexpr auto kAnswerTime = std::chrono::milliseconds{400};  // Aravis repeats commands after 500
 constexpr double kSettingTolerance = 0.01;  // cameras count exposure in lines and gain in steps
 constexpr double kClockDrift = 2e-4;        // of the camera's clock against ours
 
@@ -126,10 +127,11 @@ class GigeCamera::Impl {
       if (!seen) throw TimeoutError(nothing_came());
       if (seen->status == ARV_BUFFER_STATUS_SUCCESS) return frame;
       if (seen->status == ARV_BUFFER_STATUS_SIZE_MISMATCH)
-        throw DeviceError(fmt::format("camera {}: frame {} is larger than {} x {} px {}. Does "
-                                      "another program change its settings?",
-                                      name_, seen->id, config_.image_size.width,
-                                      config_.image_size.height, config_.pixel_format));
+        throw DeviceError(
+            fmt::format("camera {}: frame {} is larger than {} x {} px {}. Does "
+                        "another program change its settings?",
+                        name_, seen->id, config_.image_size.width, config_.image_size.height,
+                        config_.pixel_format));
       if (!fires() || attempt >= config_.retries)
         throw TimeoutError(incomplete(attempt + 1, seen->status));
       ++statistics_.retriggered;
@@ -169,13 +171,14 @@ class GigeCamera::Impl {
   void check(std::string_view feature, GError* error) const {
     if (!error) return;
     const std::string message = text(error->message);
-    const bool gone = error->domain == ARV_DEVICE_ERROR &&
-                      (error->code == ARV_DEVICE_ERROR_TIMEOUT ||
-                       error->code == ARV_DEVICE_ERROR_NOT_CONNECTED ||
-                       error->code == ARV_DEVICE_ERROR_TRANSFER_ERROR ||
-                       error->code == ARV_DEVICE_ERROR_NOT_CONTROLLER);
+    const bool gone =
+        error->domain == ARV_DEVICE_ERROR &&
+        (error->code == ARV_DEVICE_ERROR_TIMEOUT || error->code == ARV_DEVICE_ERROR_NOT_CONNECTED ||
+         error->code == ARV_DEVICE_ERROR_TRANSFER_ERROR ||
+         error->code == ARV_DEVICE_ERROR_NOT_CONTROLLER);
     g_error_free(error);
-    if (gone || *control_lost_) throw lost(message);
+    if (gone) *control_lost_ = true;
+    if (*control_lost_) throw lost(message);
     throw DeviceError(fmt::format("camera {}: {} was refused: {}.", name_, feature, message));
   }
 
@@ -226,8 +229,8 @@ class GigeCamera::Impl {
     name_ = device;
     ArvDevice* arv_device = arv_camera_get_device(camera_.get());
     if (ARV_IS_GV_DEVICE(arv_device) && !arv_gv_device_is_controller(ARV_GV_DEVICE(arv_device)))
-      throw DeviceError(fmt::format(
-          "camera {}: is controlled by another program. Close that program.", device));
+      throw DeviceError(
+          fmt::format("camera {}: is controlled by another program. Close that program.", device));
     // The signal comes on a thread of Aravis, perhaps while this object goes away: the flag stays.
     g_signal_connect_data(
         arv_device, "control-lost",
@@ -237,10 +240,9 @@ class GigeCamera::Impl {
           delete static_cast<std::shared_ptr<std::atomic<bool>>*>(flag);
         },
         GConnectFlags{});
-    name_ = fmt::format("{} {}, serial {}, {}",
-                        call("vendor", arv_camera_get_vendor_name, camera_.get()),
-                        call("model", arv_camera_get_model_name, camera_.get()),
-                        serial_number(), device);
+    name_ = fmt::format(
+        "{} {}, serial {}, {}", call("vendor", arv_camera_get_vendor_name, camera_.get()),
+        call("model", arv_camera_get_model_name, camera_.get()), serial_number(), device);
   }
 
   std::string serial_number() {
@@ -309,8 +311,9 @@ class GigeCamera::Impl {
       double least = 0, most = 0;
       call("ExposureTime", arv_camera_get_exposure_time_bounds, camera, &least, &most);
       if (*config_.exposure_us < least || *config_.exposure_us > most)
-        throw DeviceError(fmt::format("camera {}: found exposure_us {:g}, allowed: {:g} to {:g} us.",
-                                      name_, *config_.exposure_us, least, most));
+        throw DeviceError(
+            fmt::format("camera {}: found exposure_us {:g}, allowed: {:g} to {:g} us.", name_,
+                        *config_.exposure_us, least, most));
       call("ExposureTime", arv_camera_set_exposure_time, camera, *config_.exposure_us);
       compare_roughly("ExposureTime", "exposure_us", *config_.exposure_us,
                       call("ExposureTime", arv_camera_get_exposure_time, camera));
@@ -358,11 +361,14 @@ class GigeCamera::Impl {
     if (arv_camera_is_gv_device(camera)) prepare_network();
     stream_.reset(call("stream", arv_camera_create_stream, camera, nullptr, nullptr));
     const guint payload = call("PayloadSize", arv_camera_get_payload, camera);
-    // The kernel's default of 208 KiB holds less than one frame of most cameras. Aravis enlarges it
-    // when the first packet of a frame has come, too late for that frame: see `warm_up`.
+    // The kernel's default of 208 KiB, its own overhead included, holds less than one frame of most
+    // cameras. Aravis enlarges it when the first packet of a frame has come, too late for that
+    // frame: see `warm_up`. (Its AUTO asks for one payload, which makes the default smaller if
+    // frames are small.)
     if (ARV_IS_GV_STREAM(stream_.get()))
-      g_object_set(stream_.get(), "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_AUTO,
-                   "socket-buffer-size", 0, nullptr);
+      g_object_set(stream_.get(), "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED,
+                   "socket-buffer-size", static_cast<gint>(std::min(2 * payload, 1u << 30)),
+                   nullptr);
     for (int i = 0; i < kBuffers; ++i)
       arv_stream_push_buffer(stream_.get(), arv_buffer_new(payload, nullptr));
     call("AcquisitionStart", arv_camera_start_acquisition, camera);
@@ -371,11 +377,11 @@ class GigeCamera::Impl {
 
   void prepare_network() {
     ArvCamera* camera = camera_.get();
-    const Owned<GSocketAddress> address(
-        arv_gv_device_get_device_address(ARV_GV_DEVICE(arv_camera_get_device(camera))));
+    GSocketAddress* address =
+        arv_gv_device_get_device_address(ARV_GV_DEVICE(arv_camera_get_device(camera)));
     // Packet sockets, which root would use, see nothing on loopback.
-    if (address && g_inet_address_get_is_loopback(g_inet_socket_address_get_address(
-                       G_INET_SOCKET_ADDRESS(address.get()))))
+    if (g_inet_address_get_is_loopback(
+            g_inet_socket_address_get_address(G_INET_SOCKET_ADDRESS(address))))
       arv_camera_gv_set_stream_options(camera, ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED);
     arv_camera_gv_set_packet_size_adjustment(camera, ARV_GV_PACKET_SIZE_ADJUSTMENT_NEVER);
     if (config_.packet_bytes == 0) {
@@ -397,10 +403,12 @@ class GigeCamera::Impl {
   }
 
   void fire() {
+    const RealClock::time_point began = RealClock::now();
     if (by_software())
       call("TriggerSoftware", arv_camera_software_trigger, camera_.get());
     else if (setup_.fire)
       setup_.fire();
+    repeated_ = by_software() && RealClock::now() - began > kAnswerTime;
     ++unanswered_;
   }
 
@@ -413,8 +421,9 @@ class GigeCamera::Impl {
   /// The frame that answers the trigger, or the incomplete one; nothing at the deadline. A complete
   /// one goes to `frame`, if there is one.
   std::optional<Seen> wait_for_answer(RealClock::time_point fired, Frame* frame) {
-    const auto deadline = fired + std::chrono::duration_cast<RealClock::duration>(
-                                      std::chrono::duration<double>(config_.frame_timeout_s));
+    const auto deadline =
+        RealClock::now() + std::chrono::duration_cast<RealClock::duration>(
+                               std::chrono::duration<double>(config_.frame_timeout_s));
     while (const Lease buffer = pop(deadline)) {
       const bool others_are_due = unanswered_ > 1;
       const Seen seen = account(buffer.get());
@@ -426,7 +435,7 @@ class GigeCamera::Impl {
         ++statistics_.stale;
         continue;
       }
-      unanswered_ = 0;
+      unanswered_ = repeated_ ? 1 : 0;
       last_device_ns_ = seen.device_ns;
       last_arrival_ = RealClock::now();
       if (frame) {
@@ -454,14 +463,13 @@ class GigeCamera::Impl {
     for (;;) {
       throw_if_stopping_now();
       if (*control_lost_) throw lost("");
-      const auto left = std::chrono::duration_cast<std::chrono::microseconds>(
-          std::min<RealClock::duration>(
+      const auto left =
+          std::chrono::duration_cast<std::chrono::microseconds>(std::min<RealClock::duration>(
               kSlice, deadline > RealClock::now() ? deadline - RealClock::now()
                                                   : RealClock::duration::zero()));
-      ArvBuffer* buffer =
-          left.count() > 0
-              ? arv_stream_timeout_pop_buffer(stream_.get(), static_cast<guint64>(left.count()))
-              : arv_stream_try_pop_buffer(stream_.get());
+      ArvBuffer* buffer = left.count() > 0 ? arv_stream_timeout_pop_buffer(
+                                                 stream_.get(), static_cast<guint64>(left.count()))
+                                           : arv_stream_try_pop_buffer(stream_.get());
       if (buffer || left.count() <= 0) return Lease(buffer, GiveBack{stream_.get()});
     }
   }
@@ -479,9 +487,9 @@ class GigeCamera::Impl {
       const std::uint64_t before = ids_.current();
       const std::optional<std::uint64_t> advanced = ids_.advance(raw);
       if (!advanced)
-        throw DeviceError(fmt::format(
-            "camera {}: frame id {} came after {}: the camera has started anew.", name_, raw,
-            before));
+        throw DeviceError(
+            fmt::format("camera {}: frame id {} came after {}: the camera has started anew.", name_,
+                        raw, before));
       steps = *advanced - std::min(*advanced - 1, nameless_);
       statistics_.missing += steps - 1;
       nameless_ = 0;
@@ -533,8 +541,8 @@ class GigeCamera::Impl {
     const std::string remedy =
         by_software()
             ? "Check the exposure time and the cable"
-            : fmt::format("Check the wiring of {}, its activation ({} edge){}", config_.trigger.line,
-                          config_.trigger.rising ? "rising" : "falling",
+            : fmt::format("Check the wiring of {}, its activation ({} edge){}",
+                          config_.trigger.line, config_.trigger.rising ? "rising" : "falling",
                           fires() ? ", the controller's output and the cable" : " and the cable");
     return fmt::format("camera {}: no frame within {:.1f} s of the trigger. {}. {}", name_,
                        config_.frame_timeout_s, remedy, losses());
@@ -561,8 +569,9 @@ class GigeCamera::Impl {
   GigeStatistics statistics_;
   std::uint64_t nameless_ = 0;    // incomplete frames whose id is lost, since the last id
   std::uint64_t unanswered_ = 0;  // triggers whose frame has not been seen
+  bool repeated_ = false;         // the last command may have been heard twice: two frames
   std::uint64_t newest_device_ns_ = 0;
-  std::uint64_t last_device_ns_ = 0;  // of the last frame that answered a trigger,
+  std::uint64_t last_device_ns_ = 0;    // of the last frame that answered a trigger,
   RealClock::time_point last_arrival_;  // and when it was here
 };
 

@@ -53,10 +53,9 @@ class GigePeer::Impl {
           "simulated camera: UDP port {} of {} is taken: another camera is served on this "
           "computer. End that program; there can be one only.",
           kControlPort, kAddress));
-    server_.reset(ARV_GV_FAKE_CAMERA(
-        g_object_new(ARV_TYPE_GV_FAKE_CAMERA, "interface-name", kAddress, "serial-number",
-                     serial_.c_str(), "gvsp-lost-ratio", options.lost_packets_per_1000 / 1000.0,
-                     nullptr)));
+    server_.reset(ARV_GV_FAKE_CAMERA(g_object_new(
+        ARV_TYPE_GV_FAKE_CAMERA, "interface-name", kAddress, "serial-number", serial_.c_str(),
+        "gvsp-lost-ratio", options.lost_packets_per_1000 / 1000.0, nullptr)));
     if (!arv_gv_fake_camera_is_running(server_.get()))
       throw LineError(
           fmt::format("simulated camera: cannot be served on {}: is loopback up?", kAddress));
@@ -126,7 +125,8 @@ class GigePeer::Impl {
     const Image sensor = expose_(exposures_++);
     // The buffer says 0 bytes here, since it has not been filled.
     std::size_t none = 0;
-    auto* pixels = static_cast<std::uint8_t*>(const_cast<void*>(arv_buffer_get_data(buffer, &none)));
+    auto* pixels =
+        static_cast<std::uint8_t*>(const_cast<void*>(arv_buffer_get_data(buffer, &none)));
     std::fill_n(pixels, arv_fake_camera_get_payload(camera_), std::uint8_t{0});
     const bool mono16 = format == ARV_PIXEL_FORMAT_MONO_16;
     if (!mono16 && format != ARV_PIXEL_FORMAT_MONO_8) return;  // colours of a grey world: black
