@@ -87,13 +87,16 @@ class GigePeer::Impl {
         read(ARV_FAKE_CAMERA_REGISTER_TRIGGER_SOURCE) != kLine0)
       return;
     // The fake camera does not act on lines. For one exposure it is told that software triggers it.
-    edge_pending_ = true;
+    edge_ = Edge::kPending;
     write(ARV_FAKE_CAMERA_REGISTER_TRIGGER_SOFTWARE, 1);
     write(ARV_FAKE_CAMERA_REGISTER_TRIGGER_SOURCE, kSoftware);
-    edge_taken_.wait_for(lock, kEdgeTimeout, [&] { return !edge_pending_; });
-    if (!edge_pending_) return;
-    write(ARV_FAKE_CAMERA_REGISTER_TRIGGER_SOFTWARE, 0);  // the client has just stopped it
-    end_edge();
+    edge_changed_.wait_for(lock, kEdgeTimeout, [&] { return edge_ != Edge::kPending; });
+    if (edge_ == Edge::kPending) {  // the client has just stopped it
+      write(ARV_FAKE_CAMERA_REGISTER_TRIGGER_SOFTWARE, 0);
+      write(ARV_FAKE_CAMERA_REGISTER_TRIGGER_SOURCE, kLine0);
+      edge_ = Edge::kNone;
+    }
+    edge_changed_.wait(lock, [&] { return edge_ == Edge::kNone; });
   }
 
   void kill() {
@@ -111,18 +114,8 @@ class GigePeer::Impl {
     arv_fake_camera_write_register(camera_, address, value);
   }
 
-  void end_edge() {
-    write(ARV_FAKE_CAMERA_REGISTER_TRIGGER_SOURCE, kLine0);
-    edge_pending_ = false;
-    edge_taken_.notify_all();
-  }
-
   void fill(ArvBuffer* buffer, ArvPixelFormat format) {
-    {
-      const std::lock_guard lock(mutex_);
-      if (edge_pending_) end_edge();
-    }
-    const Image sensor = expose_(exposures_++);
+    const Image sensor = expose();
     // The buffer says 0 bytes here, since it has not been filled.
     std::size_t none = 0;
     auto* pixels =
@@ -143,13 +136,31 @@ class GigePeer::Impl {
       }
   }
 
+  Image expose() {
+    std::unique_lock lock(mutex_);
+    const bool by_edge = edge_ == Edge::kPending;
+    if (by_edge) {
+      write(ARV_FAKE_CAMERA_REGISTER_TRIGGER_SOURCE, kLine0);
+      edge_ = Edge::kTaken;
+      edge_changed_.notify_all();
+    }
+    lock.unlock();
+    Image sensor = expose_(exposures_++);
+    if (by_edge) {
+      lock.lock();
+      edge_ = Edge::kNone;
+      edge_changed_.notify_all();
+    }
+    return sensor;
+  }
+
   Expose expose_;
   std::string serial_;
   std::atomic<std::uint64_t> exposures_{0};
   std::mutex edges_;
   std::mutex mutex_;
-  std::condition_variable edge_taken_;
-  bool edge_pending_ = false;
+  std::condition_variable edge_changed_;
+  enum class Edge { kNone, kPending, kTaken } edge_ = Edge::kNone;
   ArvFakeCamera* camera_ = nullptr;
   std::unique_ptr<ArvGvFakeCamera, Unref> server_;  // last: its thread ends before the rest
 };

@@ -30,7 +30,7 @@ class GigePeer {
   std::string id() const;  ///< under which it is found
   std::uint64_t exposures() const;
   /// An edge on Line0. Exposes if the client has armed the camera to trigger on it, and returns
-  /// when the exposure is made.
+  /// when `Expose` has: nothing moves under it.
   void hardware_trigger();
   /// As if its plug were pulled: nothing is answered any more.
   void kill();
