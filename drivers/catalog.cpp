@@ -6,6 +6,7 @@
 #include <cassert>
 
 #include "drivers/camera_folder.h"
+#include "drivers/camera_gige.h"
 #include "drivers/camera_usb.h"
 #include "drivers/zolix_mc600.h"
 #include "protocols/serial.h"
@@ -20,9 +21,18 @@ constexpr ControllerModel kControllers[] = {
     {"zolix-mc600", 19200, false, open_zolix_mc600, identify_zolix_mc600},
 };
 
+std::vector<std::string> list_gige_cameras() {
+  std::vector<std::string> lines;
+  for (const FoundCamera& camera : find_gige_cameras())
+    lines.push_back(fmt::format("{} ({} {}, serial {}, {} {})", camera.id, camera.vendor,
+                                camera.model, camera.serial, camera.protocol, camera.address));
+  return lines;
+}
+
 constexpr CameraModel kCameras[] = {
     // model   opens               finds
     {"folder", open_folder_camera, nullptr},
+    {"gige", open_gige_camera, list_gige_cameras},
     {"usb", open_usb_camera, find_usb_cameras},
 };
 

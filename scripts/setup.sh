@@ -9,6 +9,7 @@ packages=(
   libopencv-videoio-dev
   nlohmann-json3-dev libvalijson-dev libcli11-dev libfmt-dev libspdlog-dev
   libboost-dev libserialport-dev libmodbus-dev libssl-dev
+  libaravis-dev libusb-1.0-0-dev  # aravis-0.8.pc asks for libusb
   libgtest-dev libgmock-dev libbenchmark-dev
   gnuplot-nox fonts-dejavu-core
 )

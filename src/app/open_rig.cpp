@@ -5,6 +5,8 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
+#include <atomic>
 #include <cstdio>
 #include <fstream>
 #include <iostream>
@@ -13,6 +15,7 @@
 #include "drivers/sim/camera.h"
 #include "drivers/sim/catalog.h"
 #include "drivers/sim/fault_file.h"
+#include "drivers/sim/gige_peer.h"
 #include "drivers/sim/serve.h"
 #include "src/core/errors.h"
 #include "src/record/image_import.h"
@@ -217,42 +220,169 @@ void wire_output(const RigFile& file, const Axes& axes, std::function<void(bool 
   });
 }
 
-Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
-  Axes axes = open_controllers(file, options, nullptr);
-  Rig& rig = axes.rig;
-  if (file.camera.model == "simulated") {
+/// Renders for a camera that is served on loopback; runs on the server's thread.
+sim::GigePeer::Expose expose(std::shared_ptr<sim::World> world) {
+  auto renderer = std::make_shared<sim::Renderer>(*world);
+  return [world = std::move(world), renderer](std::uint64_t exposure) {
+    try {
+      return renderer->render(exposure);
+    } catch (const Error&) {  // an axis that does not say where it is: a dark image
+      return Image(world->image_size(), 0);
+    }
+  };
+}
+
+/// Makes the camera that the rig file asks for.
+class CameraMaker {
+ public:
+  CameraMaker(const RigFile& file, const OpenRigOptions& options, Axes& axes)
+      : file_(file), options_(options), axes_(axes), rig_(axes.rig) {}
+
+  void make() {
+    if (file_.camera.model == "simulated" || file_.camera.simulated)
+      make_world();
+    else
+      rig_.mount =
+          options_.assume_mounted ? std::function<void(Payload)>([](Payload) {}) : ask_to_mount;
+    if (file_.camera.model == "simulated")
+      keep(make_simulated());
+    else
+      keep(open_camera(setup()));
+    rig_.identities.push_back(rig_.camera->identity());
+  }
+
+ private:
+  void make_world() {
     // A world on controllers that live in another process knows only what they report.
-    const auto where = [models = axes.models, clock = rig.clock, stage = rig.stage, yaw = rig.yaw,
-                        roll = rig.roll, pitch = rig.pitch](AxisId id) {
+    const auto where = [models = axes_.models, clock = rig_.clock, stage = rig_.stage,
+                        yaw = rig_.yaw, roll = rig_.roll, pitch = rig_.pitch](AxisId id) {
       if (const auto it = models.find(id); it != models.end())
         return it->second->true_position(clock->now());
       if (id == AxisId::kStage) return stage->position().value;
       return (id == AxisId::kYaw ? yaw : id == AxisId::kRoll ? roll : pitch)->position().value;
     };
-    auto world = std::make_shared<sim::World>(file, where);
-    auto camera =
-        std::make_shared<sim::SimulatedCamera>(*rig.clock, *world, file.camera.frame_timeout_s);
-    if (file.camera.trigger.source == TriggerConfig::Source::kLine) {
-      camera->wire_input(file.camera.trigger.rising, fire_of(file, axes));
-      wire_output(file, axes, [input = camera.get()](bool on) { input->input(on); });
-    }
-    rig.camera = camera.get();
-    rig.mount = [world](Payload payload) { world->mount(payload); };
-    rig.owned.push_back(world);
-    rig.owned.push_back(camera);
-  } else {
-    const std::shared_ptr<Camera> camera =
-        open_camera({file.camera, rig.clock,
-                     [](const std::filesystem::path& image) { return import_image(image); },
-                     fire_of(file, axes)});
-    rig.camera = camera.get();
-    rig.owned.push_back(camera);
-    rig.mount =
-        options.assume_mounted ? std::function<void(Payload)>([](Payload) {}) : ask_to_mount;
+    world_ = std::make_shared<sim::World>(file_, where);
+    rig_.mount = [world = world_](Payload payload) { world->mount(payload); };
+    rig_.owned.push_back(world_);
   }
-  rig.identities.push_back(rig.camera->identity());
-  return std::move(rig);
+
+  std::unique_ptr<Camera> make_simulated() {
+    auto camera =
+        std::make_unique<sim::SimulatedCamera>(*rig_.clock, *world_, file_.camera.frame_timeout_s);
+    if (file_.camera.trigger.source == TriggerConfig::Source::kLine) {
+      camera->wire_input(file_.camera.trigger.rising, fire());
+      wire_output([input = camera.get()](bool on) { input->input(on); });
+    }
+    return camera;
+  }
+
+  CameraSetup setup() {
+    CameraSetup setup{file_.camera, rig_.clock,
+                      [](const std::filesystem::path& image) { return import_image(image); },
+                      fire()};
+    if (file_.camera.simulated) {
+      auto peer = std::make_shared<sim::GigePeer>(expose(world_), file_.camera.image_size);
+      setup.config.device = peer->id();
+      wire_output([peer = peer.get(), rising = file_.camera.trigger.rising](bool on) {
+        if (on == rising) peer->hardware_trigger();
+      });
+      rig_.owned.push_back(std::move(peer));  // outlives the camera
+    }
+    return setup;
+  }
+
+  /// Pulses what is wired to the camera's input; empty if nothing that this program knows is.
+  std::function<void()> fire() const {
+    const TriggerConfig& trigger = file_.camera.trigger;
+    for (std::size_t i = 0; i < file_.controllers.size(); ++i)
+      if (!trigger.output.empty() && file_.controllers[i].name == trigger.controller)
+        return [controller = axes_.controllers[i], output = trigger.output] {
+          controller->pulse_output(output);
+        };
+    return {};
+  }
+
+  /// Lets the camera of a simulated rig see the edges of the output that is wired to it.
+  void wire_output(std::function<void(bool on)> input) const {
+    const auto simulator = axes_.simulators.find(file_.camera.trigger.controller);
+    if (simulator == axes_.simulators.end()) return;
+    simulator->second->on_output([input = std::move(input), wired = file_.camera.trigger.output](
+                                     const std::string& name, bool on, Time) {
+      if (name == wired) input(on);
+    });
+  }
+
+  void keep(std::shared_ptr<Camera> camera) {
+    rig_.camera = camera.get();
+    rig_.owned.push_back(std::move(camera));
+  }
+
+  const RigFile& file_;
+  const OpenRigOptions& options_;
+  Axes& axes_;
+  Rig& rig_;
+  std::shared_ptr<sim::World> world_;
+};
+
+Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
+  Axes axes = open_controllers(file, options, nullptr);
+  CameraMaker(file, options, axes).make();
+  return std::move(axes.rig);
 }
+
+/// Where the served axes really are, for a camera that looks from another thread.
+class Whereabouts final : public Actor {
+ public:
+  explicit Whereabouts(std::map<AxisId, const sim::AxisModel*> models)
+      : models_(std::move(models)) {}
+  int descriptor() const override { return -1; }
+  std::optional<Time> next_due() const override { return due_; }
+  void act(Time now) override {
+    for (const auto& [id, model] : models_) at(id) = model->true_position(now);
+    due_ = now + std::chrono::milliseconds{5};
+  }
+  std::atomic<double>& at(AxisId id) { return places_.at(static_cast<std::size_t>(id)); }
+
+ private:
+  std::map<AxisId, const sim::AxisModel*> models_;
+  std::array<std::atomic<double>, kAllAxes.size()> places_{};
+  Time due_{0};
+};
+
+/// A person at the simulated rig: "mount led_target" on standard input.
+class Assistant final : public Actor {
+ public:
+  explicit Assistant(sim::World& world) : world_(world) {}
+  int descriptor() const override { return gone_ ? -1 : STDIN_FILENO; }
+  std::optional<Time> next_due() const override { return std::nullopt; }
+  void act(Time) override {
+    std::array<char, 256> buffer;
+    const ssize_t n = ::read(STDIN_FILENO, buffer.data(), buffer.size());
+    if (n <= 0) {
+      gone_ = true;
+      return;
+    }
+    heard_.append(buffer.data(), static_cast<std::size_t>(n));
+    for (std::size_t end; (end = heard_.find('\n')) != heard_.npos; heard_.erase(0, end + 1)) {
+      const std::string line = heard_.substr(0, end);
+      const auto payload = std::ranges::find_if(
+          kPayloads, [&](Payload p) { return line == fmt::format("mount {}", payload_name(p)); });
+      if (payload == kPayloads.end()) {
+        fmt::print("found \"{}\", allowed: mount circle_pattern, mount led_target\n", line);
+      } else {
+        world_.mount(*payload);
+        fmt::print("mounted {}\n", payload_name(*payload));
+      }
+      std::fflush(stdout);
+    }
+  }
+
+ private:
+  static constexpr std::array kPayloads{Payload::kCirclePattern, Payload::kLedTarget};
+  sim::World& world_;
+  std::string heard_;
+  bool gone_ = false;
+};
 
 /// The drivers do not know the rig file's name.
 template <class Work>
@@ -293,7 +423,29 @@ void serve_devices(const RigFile& file, const ServeOptions& options) {
     it->simulator->add_fault(named.fault);
   }
   SystemClock clock(options.speed);
-  sim::serve_controllers(clock, served, std::cout);
+  if (file.camera.model != "gige") return sim::serve_controllers(clock, served, std::cout);
+
+  std::map<AxisId, const sim::AxisModel*> models;
+  for (const auto& [id, axis] : file.axes)
+    models[id] = &std::ranges::find(served, axis.controller, &sim::ServedController::name)
+                      ->simulator->axis(id);
+  Whereabouts where(models);
+  const auto world =
+      std::make_shared<sim::World>(file, [&where](AxisId id) { return where.at(id).load(); });
+  Assistant assistant(*world);
+  sim::GigePeer peer(expose(world), file.camera.image_size);
+  for (const sim::ServedController& s : served)
+    s.simulator->on_output([&peer, &file, name = s.name](const std::string& output, bool on, Time) {
+      const TriggerConfig& trigger = file.camera.trigger;
+      if (name == trigger.controller && output == trigger.output && on == trigger.rising)
+        peer.hardware_trigger();
+    });
+  fmt::print(
+      "camera {} ({}); \"mount led_target\" and \"mount circle_pattern\" change the "
+      "payload\n",
+      peer.address(), peer.id());
+  std::fflush(stdout);
+  sim::serve_controllers(clock, served, std::cout, {&where, &assistant});
 }
 
 }  // namespace
