@@ -3,6 +3,7 @@
 // looks at it.
 #pragma once
 
+#include <atomic>
 #include <functional>
 #include <vector>
 
@@ -49,7 +50,8 @@ class World {
   Lens lens_;
   std::function<double(AxisId)> true_position_;
   Matrix3d R_camera_from_plane_;
-  Payload payload_ = Payload::kCirclePattern;
+  std::atomic<Payload> payload_ =
+      Payload::kCirclePattern;  ///< a served camera looks from its own thread
 };
 
 }  // namespace turntable::sim

@@ -198,28 +198,6 @@ Axes open_controllers(const RigFile& file, const OpenRigOptions& options,
   return axes;
 }
 
-/// Pulses what is wired to the camera's input; empty if nothing that this program knows is.
-std::function<void()> fire_of(const RigFile& file, const Axes& axes) {
-  const TriggerConfig& trigger = file.camera.trigger;
-  if (trigger.output.empty()) return {};
-  for (std::size_t i = 0; i < file.controllers.size(); ++i)
-    if (file.controllers[i].name == trigger.controller)
-      return [controller = axes.controllers[i], output = trigger.output] {
-        controller->pulse_output(output);
-      };
-  return {};
-}
-
-/// Lets the camera of a simulated rig see the edges of the output that is wired to it.
-void wire_output(const RigFile& file, const Axes& axes, std::function<void(bool on)> input) {
-  const auto simulator = axes.simulators.find(file.camera.trigger.controller);
-  if (simulator == axes.simulators.end()) return;
-  simulator->second->on_output([input = std::move(input), wired = file.camera.trigger.output](
-                                   const std::string& name, bool on, Time) {
-    if (name == wired) input(on);
-  });
-}
-
 /// Renders for a camera that is served on loopback; runs on the server's thread.
 sim::GigePeer::Expose expose(std::shared_ptr<sim::World> world) {
   auto renderer = std::make_shared<sim::Renderer>(*world);
