@@ -34,6 +34,7 @@ constexpr double kPerUnit = 1000;  // targets are cut off to 0.001
 constexpr double kUnder = 1e-5;    // added, so that the cut leaves what was meant
 constexpr double kFarthest = 1e6;  // beyond it a position is noise
 constexpr int kTargetAttempts = 3;
+constexpr std::int64_t kStill = 2;  // pulses that an axis at rest may seem to have gone
 
 // How far off a predicted end may be.
 constexpr double kGuard_s = 0.06, kGuardOfMotion = 0.01;
@@ -131,16 +132,15 @@ class Zc300 final : public AxisController {
   Words holding(const std::string& who, int number, int count, Time deadline = Time::max());
   void write_words(const std::string& who, int number, std::span<const std::uint16_t> words);
   double read(const Channel& channel, const Setting& setting);
-  Snapshot look(const std::string& who, Time deadline = Time::max());
+  Snapshot look(const Channel& channel, Time deadline = Time::max());
   std::uint16_t token(const std::string& who, Time deadline = Time::max()) {
     return holding(who, kToken, 1, deadline)[0];
   }
   bool homed(const Channel& channel);
   void join_session(const Channel& channel);
   void write_target(const Channel& channel, double target);
-  void wait_for_ends(const Channel& channel);
-  Acknowledgement command(const Channel& channel, std::uint16_t opcode, std::uint16_t direction,
-                          std::optional<double> takes_s = {});
+  Snapshot wait_for_ends(const Channel& channel);
+  Acknowledgement command(const Channel& channel, std::uint16_t opcode, std::uint16_t direction);
 
   ModbusMaster master_;
   std::vector<Known> known_;  ///< by channel
@@ -204,20 +204,22 @@ void Zc300::write_words(const std::string& who, int number, std::span<const std:
   });
 }
 
-Zc300::Snapshot Zc300::look(const std::string& who, Time deadline) {
+/// Only of a channel's own axis is the position looked at: those without a stage may say anything.
+Zc300::Snapshot Zc300::look(const Channel& channel, Time deadline) {
   return retried(deadline, [&] {
-    const Words words = exchange(who, "reading the status", [&] {
+    const Words words = exchange(where(channel), "reading the status", [&] {
       return master_.read_input(slave(), wire(kStatus), kStatusCount);
     });
     Snapshot seen;
     for (std::size_t i = 0; i < 3; ++i) {
       seen.moving[i] = words[i] != 0;
       seen.position[i] = real(words, 4 + 2 * i);
-      if (words[i] > 1 || !(std::abs(seen.position[i]) < kFarthest))  // false for NaN
-        throw ProtocolError(fmt::format("{}: a status that cannot be: moving {}, position {}", who,
-                                        words[i], seen.position[i]));
     }
     seen.bits = words[3];
+    const double here = seen.position[number_of(channel)];
+    if (std::max({words[0], words[1], words[2]}) > 1 || !(std::abs(here) < kFarthest))  // or NaN
+      throw ProtocolError(fmt::format("{}: a status that cannot be: moving {} {} {}, position {}",
+                                      where(channel), words[0], words[1], words[2], here));
     return seen;
   });
 }
@@ -335,7 +337,7 @@ bool Zc300::free(const Channel& channel) {
     return other.index != channel.index && known_[other.index].homing;
   };
   if (std::ranges::none_of(channels(), homes)) return true;
-  const Snapshot seen = look(where(channel));
+  const Snapshot seen = look(channel);
   return std::ranges::none_of(channels(), [&](const Channel& other) {
     return homes(other) && seen.moving[number_of(other)];
   });
@@ -364,35 +366,29 @@ void Zc300::write_target(const Channel& channel, double target) {
 
 /// Returns when no other axis is within the guard of its predicted end: that is over, and a read has
 /// been there to be missed; or it is some way off. Bounded by twice the longest guard and a read.
-void Zc300::wait_for_ends(const Channel& channel) {
+/// @return that read. @throws TimeoutError if a stop waits: nothing must start then.
+Zc300::Snapshot Zc300::wait_for_ends(const Channel& channel) {
   for (;;) {
     const auto about_to_end = [&](const Channel& other) {
       const Known& known = known_[other.index];
       return other.index != channel.index && known.ends &&
              clock().now() > *known.ends - known.guard && clock().now() < *known.ends + known.guard;
     };
-    const Snapshot seen = look(where(channel));
+    const Snapshot seen = look(channel);
+    if (gives_way())
+      throw TimeoutError(fmt::format("{}: a motion gave way to a stop", where(channel)));
     if (std::ranges::none_of(channels(), [&](const Channel& other) {
           return seen.moving[number_of(other)] && about_to_end(other);
         }))
-      return;
-    if (gives_way())
-      throw TimeoutError(fmt::format("{}: a motion gave way to a stop", where(channel)));
+      return seen;
     clock().sleep_for(kGuardPoll);
   }
 }
 
-/// Sends a motion command, once. @param takes_s how long the motion will take, if that is known.
+/// Sends a motion command, once.
 Acknowledgement Zc300::command(const Channel& channel, std::uint16_t opcode,
-                               std::uint16_t direction, std::optional<double> takes_s) {
+                               std::uint16_t direction) {
   const std::array<std::uint16_t, 3> block{opcode, code_of(channel), direction};
-  Known& known = known_[channel.index];
-  known.ends.reset();
-  wait_for_ends(channel);
-  if (takes_s) {
-    known.ends = clock().now() + from_seconds(*takes_s);
-    known.guard = from_seconds(kGuard_s + kGuardOfMotion * *takes_s);
-  }
   try {
     exchange(where(channel), fmt::format("opcode {:02X}h", opcode),
              [&] { master_.write_registers(slave(), wire(kOpcode), block); });
@@ -406,23 +402,33 @@ Acknowledgement Zc300::command(const Channel& channel, std::uint16_t opcode,
 
 Acknowledgement Zc300::start_move(const Channel& channel, Steps from, Steps to) {
   Known& known = known_[channel.index];
+  const double target = channel.unit(to);
+  write_target(channel, target);
   if (token(where(channel)) != known.token)
     throw DeviceError(fmt::format("{}: {}. Nothing was moved. Home the axis again.", where(channel),
                                   kPowerCycled));
+  const double here = wait_for_ends(channel).position[number_of(channel)];
+  if (std::abs(channel.steps(here).count - from.count) > kStill)
+    throw DeviceError(
+        fmt::format("{}: stands at {:.7g} and no more at {:.7g}: the controller was "
+                    "reset or moved by hand. Nothing was moved. Home the axis again.",
+                    where(channel), here, channel.unit(from)));
+  const double takes_s = trapezoid_seconds(channel.config, target - channel.unit(from));
   known.homing = false;
-  const double target = channel.unit(to);
-  write_target(channel, target);
-  return command(channel, kMoveTo, target < 0 ? kNegative : kPositive,
-                 trapezoid_seconds(channel.config, target - channel.unit(from)));
+  known.ends = clock().now() + from_seconds(takes_s);
+  known.guard = from_seconds(kGuard_s + kGuardOfMotion * takes_s);
+  return command(channel, kMoveTo, target < 0 ? kNegative : kPositive);
 }
 
 Acknowledgement Zc300::start_home(const Channel& channel) {
   join_session(channel);
+  wait_for_ends(channel);
   known_[channel.index].homing = true;
+  known_[channel.index].ends.reset();
   const Acknowledgement answer = command(channel, kHome, kNegative);
   // A command that was never heard would leave the counter at 0 and the axis at rest, which is what
   // a finished homing looks like.
-  if (answer == Acknowledgement::kLost && !look(where(channel)).moving[number_of(channel)])
+  if (answer == Acknowledgement::kLost && !look(channel).moving[number_of(channel)])
     throw TimeoutError(
         fmt::format("{}: did not acknowledge the command to home, and does not move. It was not "
                     "sent again. Home the axis again.",
@@ -432,7 +438,7 @@ Acknowledgement Zc300::start_home(const Channel& channel) {
 
 AxisStatus<Steps> Zc300::status(const Channel& channel, Time deadline) {
   const std::size_t n = number_of(channel);
-  const Snapshot seen = look(where(channel), deadline);
+  const Snapshot seen = look(channel, deadline);
   AxisStatus<Steps> status;
   status.position = channel.steps(seen.position[n]);
   status.motion = seen.moving[n] ? Motion::kMoving : Motion::kEnded;
@@ -470,8 +476,11 @@ void Zc300::send_stop(const Channel& channel, bool immediate) {
       // Whether the axis halts is seen by its position, so any kind of answer will do.
     }
   });
-  known_[channel.index].homing = false;
-  known_[channel.index].ends.reset();
+  Known& known = known_[channel.index];
+  known.homing = false;
+  const double half_s = 0.5 * channel.config.speed / channel.config.acceleration;  // or sooner
+  known.ends = clock().now() + from_seconds(half_s);
+  known.guard = from_seconds(half_s + kGuard_s);
 }
 
 void Zc300::switch_output(const OutputConfig& output, bool on) {

@@ -18,8 +18,10 @@
 //   homes, whose end cannot be predicted, none is given at all. Each miss costs one reply timeout, so
 //   0.2 s in the rig file makes a quicker rig than the general default.
 // - Its counter is 0 after power-up, as after homing. The first homing leaves a number in the volatile
-//   register 30054. It is read before each motion command, and whenever an axis that homes or is homed
-//   is seen at 0: another number there means that the power was off, and the reference is lost.
+//   register 30054. It is read before each move, and whenever an axis that homes or is homed is seen at 0:
+//   another number there means that the power was off, and the reference is lost. Before it is homed
+//   again, the settings are compared again. A home command whose acknowledgement is lost counts only
+//   if the axis is then seen to move, as a counter at 0 proves nothing.
 #pragma once
 
 #include <memory>

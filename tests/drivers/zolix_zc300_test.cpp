@@ -178,13 +178,13 @@ TEST_F(Zc300Bytes, HomesMovesAndStopsInTheManualsWords) {
   yaw().home();
   EXPECT_THAT(peer.heard, ElementsAre(kReadStatus, kReadToken, "0106756500014219", kReadStatus,
                                       kGoHome, kReadStatus, kReadToken, kReadStatus, kReadToken));
-  EXPECT_THAT(started(12.345), ElementsAre(kReadToken, kReadToken, "011075a3000204413d8529c5ee",
-                                           kReadTarget, kReadStatus, kMoveUp));
+  EXPECT_THAT(started(12.345), ElementsAre(kReadToken, "011075a3000204413d8529c5ee", kReadTarget,
+                                           kReadToken, kReadStatus, kMoveUp));
   // The sign is a letter, the number a magnitude to 0.001 and a little more.
-  EXPECT_THAT(started(-5.00125), ElementsAre(kReadToken, kReadToken, "011075a300020440b008467145",
-                                             kReadTarget, kReadStatus, kMoveDown));
-  EXPECT_THAT(started(0), ElementsAre(kReadToken, kReadToken, "011075a30002043f0000a8eefa",
-                                      kReadTarget, kReadStatus, kMoveDown));
+  EXPECT_THAT(started(-5.00125), ElementsAre(kReadToken, "011075a300020440b008467145", kReadTarget,
+                                             kReadToken, kReadStatus, kMoveDown));
+  EXPECT_THAT(started(0), ElementsAre(kReadToken, "011075a30002043f0000a8eefa", kReadTarget,
+                                      kReadToken, kReadStatus, kMoveDown));
   peer.heard.clear();
   yaw().stop();
   EXPECT_EQ(peer.heard.at(0), kStop);
@@ -480,6 +480,22 @@ TEST_F(ZolixZc300, MovesTwoAxesThatEndAtDifferentTimesWithoutLosingACommand) {
     EXPECT_NEAR(rig.truth(AxisId::kRoll), b, 0.00125 / 2 + 1e-9);
   }
   EXPECT_EQ(rig.count("move") - before, legs);
+}
+
+TEST_F(ZolixZc300, LosesOneReplyTimeoutPerLegAndNoMore) {
+  for (const double timeout : {0.2, 1.0}) {
+    ControllerConfig config_of_rig = zc300_config();
+    config_of_rig.reply_timeout_s = timeout;
+    SimulatedZc300 rig({.config = config_of_rig});
+    rig.ready();
+    const Time before = rig.clock.now();
+    rig.move(rig.yaw(), 10);
+    const double took = seconds(rig.clock.now() - before);
+    const double motion = rig.yaw().move_seconds(Degrees{0}, Degrees{10});
+    EXPECT_GT(took, motion + 0.1 + 2 * timeout);
+    EXPECT_LT(took,
+              motion + 0.1 + 2 * (timeout + 0.15));  // a poll or two, and the line to be quiet
+  }
 }
 
 TEST_F(ZolixZc300, HoldsACommandBackAroundTheEndOfAnotherMotion) {
