@@ -7,6 +7,7 @@
 
 #include "drivers/camera_folder.h"
 #include "drivers/zolix_mc600.h"
+#include "drivers/zolix_sc300.h"
 #include "protocols/serial.h"
 #include "protocols/tcp.h"
 #include "src/core/errors.h"
@@ -17,6 +18,7 @@ namespace {
 constexpr ControllerModel kControllers[] = {
     // model       baud   opens
     {"zolix-mc600", 19200, open_zolix_mc600},
+    {"zolix-sc300", 19200, open_zolix_sc300},
 };
 
 constexpr CameraModel kCameras[] = {
