@@ -21,7 +21,7 @@ using std::chrono::milliseconds;
 constexpr Time kQuiet = milliseconds{50};
 constexpr Time kResync = milliseconds{300};
 constexpr Time kRefusal = milliseconds{30};  // within which a motion is refused, if it is
-constexpr int kOwed = 3;         // reply timeouts, after which a late answer is given up
+constexpr int kDoubt = 2;        // reply timeouts for which a late answer is still expected
 constexpr int kSameTwice = 4;    // reads in which two in a row have to agree
 constexpr double kRoom_s = 0.5;  // beside the motion itself, until its end is overdue
 constexpr std::string_view kChannels = "XYZ";
@@ -95,21 +95,26 @@ class Sc300 final : public AxisController {
     std::optional<Steps> reported{};  ///< by a line owed to no question
     bool answered = false;            ///< by a controller that does not while anything moves
     std::optional<std::string> refusal{};
+    std::optional<Steps> seen{};  ///< the counter, first
+    bool moved = false;           ///< it has been seen elsewhere since
   };
   struct State {
     std::optional<Task> task;
-    std::vector<Time> questions;   ///< for the counter, that are still owed an answer
+    std::vector<Time> questions;   ///< for the counter, still owed an answer; when they were sent
+    Time in_doubt_until{0};        ///< one of them was not answered in time
     std::optional<Steps> at_rest;  ///< the counter when last read, if nothing was started since
   };
+  enum class Waiting { kNot, kForQuiet, kForAnswer };
   /// While somebody waits for an answer, the lines that may be it are left to him.
   class Awaiting {
    public:
-    Awaiting(Sc300& driver, std::optional<std::size_t> counter_of) : driver_(driver) {
-      driver_.awaiting_ = true;
+    Awaiting(Sc300& driver, Waiting what, std::optional<std::size_t> counter_of = {})
+        : driver_(driver) {
+      driver_.waiting_ = what;
       driver_.counter_of_ = counter_of;
     }
     ~Awaiting() {
-      driver_.awaiting_ = false;
+      driver_.waiting_ = Waiting::kNot;
       driver_.counter_of_.reset();
     }
 
@@ -127,6 +132,7 @@ class Sc300 final : public AxisController {
   std::string who() const { return fmt::format("controller {} on {}", config().name, line_name()); }
 
   bool take_line(std::string_view line);
+  void resync();
   void take_counter(const Channel& channel, std::optional<Steps> counter);
   bool hidden(const State& state) const;
   [[noreturn]] static void refused(const std::string& who, const std::string& command,
@@ -143,8 +149,9 @@ class Sc300 final : public AxisController {
   AsciiDialog dialog_;
   std::vector<State> states_;  ///< by channel
   std::optional<std::size_t> last_started_;
-  bool awaiting_ = false;                  ///< somebody waits for an answer,
-  std::optional<std::size_t> counter_of_;  ///< which may be the counter of this channel
+  Time resync_at_{0};  ///< the last one
+  Waiting waiting_ = Waiting::kNot;
+  std::optional<std::size_t> counter_of_;  ///< what is awaited may be the counter of this channel
 };
 
 Sc300::Sc300(ControllerSetup setup)
@@ -179,7 +186,10 @@ bool Sc300::take_line(std::string_view line) {
     }
     return true;  // a channel that is moved by hand
   }
-  if (awaiting_ || !is_error(line)) return false;
+  if (is_ok(line) && waiting_ == Waiting::kForQuiet)
+    for (State& s : states_)
+      std::erase_if(s.questions, [&](Time sent) { return sent < resync_at_; });
+  if (waiting_ != Waiting::kNot || !is_error(line)) return false;
   // Nothing was asked: the last motion was refused, and it took a while to say so.
   if (last_started_)
     if (auto& task = states_[*last_started_].task; task && !task->stopped && !task->reported)
@@ -189,16 +199,28 @@ bool Sc300::take_line(std::string_view line) {
 
 void Sc300::take_counter(const Channel& channel, std::optional<Steps> value) {
   State& s = state(channel);
-  const Time oldest = clock().now() - kOwed * reply_timeout();
-  std::erase_if(s.questions, [&](Time asked) { return asked < oldest; });
+  const bool in_doubt = clock().now() < s.in_doubt_until;
+  const bool asked = counter_of_ == channel.index;
+  if (!in_doubt && s.questions.size() > (asked ? 1u : 0u))
+    s.questions.erase(s.questions.begin(), s.questions.end() - (asked ? 1 : 0));
   if (!s.questions.empty()) {
-    // An answer in time is that to the last question, any other one to the first.
-    s.questions.erase(counter_of_ == channel.index ? s.questions.end() - 1 : s.questions.begin());
-    if (counter_of_ == channel.index) counter_of_.reset();
+    s.questions.erase(s.questions.begin());
+    if (asked) counter_of_.reset();
     return;
   }
-  // The place where a move began is not where it ended: that is a late line of the past.
-  if (s.task && value && value != s.task->from) s.task->reported = value;
+  if (!s.task || !value) return;
+  // Where a move began is not where it ended, and a homing that nobody saw move has not ended while
+  // a late answer may still come: those are lines of the past.
+  if (value == s.task->from || (in_doubt && !s.task->from && !s.task->moved)) return;
+  s.task->reported = value;
+}
+
+/// Back in step. A controller answers in order: once it has answered this CR, what it has not
+/// answered of the questions before never will be.
+void Sc300::resync() {
+  const Awaiting quiet(*this, Waiting::kForQuiet);
+  resync_at_ = clock().now();
+  dialog_.resync(kQuiet, kResync);
 }
 
 /// Whether a controller that does not answer while it moves is believed to move this axis.
@@ -218,11 +240,16 @@ void Sc300::refused(const std::string& who, const std::string& command, std::str
 std::string Sc300::ask(const std::string& command, const AsciiDialog::Predicate& accept,
                        std::optional<std::size_t> counter_of) {
   const auto guard = lock();
-  if (!dialog_.in_step() && !gives_way()) dialog_.resync(kQuiet, kResync);
+  if (!dialog_.in_step() && !gives_way()) resync();
   dialog_.pump();
   if (counter_of) states_[*counter_of].questions.push_back(clock().now());
-  const Awaiting awaiting(*this, counter_of);
-  return dialog_.ask(command, reply_timeout(), accept, [this] { return gives_way(); });
+  const Awaiting awaiting(*this, Waiting::kForAnswer, counter_of);
+  try {
+    return dialog_.ask(command, reply_timeout(), accept, [this] { return gives_way(); });
+  } catch (const Error&) {
+    if (counter_of) states_[*counter_of].in_doubt_until = clock().now() + kDoubt * reply_timeout();
+    throw;
+  }
 }
 
 /// What may be said again: settings, outputs.
@@ -253,7 +280,11 @@ Steps Sc300::counter(const Channel& channel, Time deadline) {
             reply);
   }
   s.at_rest = counter_line(reply)->counter;
-  if (s.task && !config().answers_while_moving) s.task->answered = true;
+  if (s.task) {
+    s.task->answered = !config().answers_while_moving;
+    s.task->moved |= s.task->seen && s.task->seen != s.at_rest;
+    if (!s.task->seen) s.task->seen = s.at_rest;
+  }
   return *s.at_rest;
 }
 
@@ -283,9 +314,10 @@ void Sc300::require_counter(const Channel& channel, Steps expected) {
 /// Sends it once. There is no acknowledgement, only a refusal at once or the report of the end.
 Acknowledgement Sc300::begin(const Channel& channel, Task task) {
   State& s = state(channel);
-  if (!dialog_.in_step()) dialog_.resync(kQuiet, kResync);
+  if (!dialog_.in_step()) resync();
   dialog_.pump();  // nothing of the past may be taken for the end of this motion
   const std::string command = task.command;
+  task.seen = s.at_rest;
   s.task = std::move(task);
   last_started_ = channel.index;
   s.at_rest.reset();
@@ -376,7 +408,7 @@ void Sc300::send_stop(const Channel& channel, bool) {  // there is only one kind
     task->overdue = clock().now() + from_seconds(axis.speed / axis.acceleration + kRoom_s);
   }
   retried(Time::max(), [&] {
-    const Awaiting awaiting(*this, channel.index);
+    const Awaiting awaiting(*this, Waiting::kForAnswer, channel.index);
     return dialog_.ask(fmt::format("SP{}", letter(channel)), reply_timeout(),
                        [](std::string_view line) {
                          return is_error(line) || is_ok(line) || counter_line(line).has_value();

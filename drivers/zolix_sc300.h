@@ -8,11 +8,12 @@
 //   "?Y"                the counter: "?Y,-123"
 //
 // A move or a homing is not acknowledged: its only answer is "?Y,<counter>", when it has ended. That
-// looks like the answer to a question for the position. They are told apart by counting: each
-// question is owed one line, and a line that is owed to no question ends a motion, if the counter
-// stands where it says. A question that got no answer is owed one for three more reply timeouts;
-// a motion that ends in that time is ended by standing at its goal, and a homing not at all: better
-// homed twice than not.
+// looks like the answer to a question for the counter. They are told apart by counting: each question
+// is owed one line, in order, and a line that is owed to none reports the end of a motion. It is
+// believed if the counter, asked again, stands there. A question that got no answer is owed one for
+// two more reply timeouts, or until something said after it was answered. Until it is clear again, a
+// homing counts only if the counter was seen to move. A move whose report is lost is ended by standing
+// at its goal, a homing never: better homed twice than not.
 //
 // Whether the controller answers questions while a motor turns is not known; the rig file says
 // (`answers_while_moving`). If not, one axis moves at a time, nothing is asked until the deferred
