@@ -197,6 +197,7 @@ bool Sc300::take_line(std::string_view line) {
   return true;
 }
 
+/// Counts: answers go to the questions in their order; what is left over reports an end.
 void Sc300::take_counter(const Channel& channel, std::optional<Steps> value) {
   State& s = state(channel);
   const bool in_doubt = clock().now() < s.in_doubt_until;
@@ -372,9 +373,9 @@ AxisStatus<Steps> Sc300::status(const Channel& channel, Time deadline) {
       const Task task = *std::exchange(s.task, {});
       refused(where(channel), task.command, *task.refusal);
     }
-    if (s.task && !s.task->from && !s.task->stopped)
-      s.task->overdue = std::max(s.task->overdue, deadline);
     if (hidden(s)) {
+      if (!s.task->from && !s.task->stopped)  // a homing: how long that takes, the loop knows
+        s.task->overdue = std::max(s.task->overdue, deadline);
       status.motion = Motion::kMoving;
       return status;
     }

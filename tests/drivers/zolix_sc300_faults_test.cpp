@@ -92,7 +92,7 @@ TEST_P(Sc300Faults, AnyQuestionMayBeSpoiltWhateverMoveItIsPartOf) {
        {FaultKind::kLostReply, FaultKind::kTruncatedReply, FaultKind::kCorruptReply,
         FaultKind::kSilence, FaultKind::kLateReply})
     for (int nth = 1; nth <= 25; ++nth)
-      for (const double late : {0.03, 0.5, 1.2, 2.5}) {
+      for (const double late : {0.03, 1.2, 2.5}) {
         SimulatedSc300 rig(GetParam());
         rig.ready();
         rig.fault({.kind = kind, .verb = "status", .nth = nth, .delay_s = late});
@@ -278,7 +278,7 @@ TEST_P(Sc300Faults, OnlyTheAnswerToHomeMakesAHomedAxis) {
       EXPECT_THROW(rig.yaw().home(), TimeoutError) << fault_name(kind) << from;
       EXPECT_FALSE(rig.yaw().homed());
       EXPECT_THAT(rig.motions(), ElementsAre("HY"));
-      rig.yaw().stop();
+      if (from == 0) rig.yaw().stop();  // not needed, and does not hurt
       rig.yaw().home();
       EXPECT_NEAR(rig.truth(AxisId::kYaw), 0.0, 1e-9);
     }
@@ -340,7 +340,7 @@ TEST_P(Sc300Faults, RandomFaultsEndInTheRightPlaceOrInAnError) {
     return 2u * static_cast<unsigned>(rig.yaw().arrival().retries + rig.roll().arrival().retries);
   };
   int arrived = 0, failed = 0, recovered = 0;
-  for (std::uint64_t k = 0; k < 1000; ++k) {
+  for (std::uint64_t k = 0; k < 300; ++k) {
     Random draws = draws_of_this_test(k);
     SimulatedSc300 rig(GetParam());
     rig.ready();
@@ -378,9 +378,7 @@ TEST_P(Sc300Faults, RandomFaultsEndInTheRightPlaceOrInAnError) {
         rig.controller->stop_all();
       } catch (const Error&) {
       }
-      if (!rig.simulator->plugged()) {
-        rig.plug_in();
-      }
+      if (!rig.simulator->plugged()) rig.plug_in();
       // Whatever is left of the faults, an axis that counts as homed is where it says.
       try {
         rig.controller->stop_all();
@@ -395,9 +393,58 @@ TEST_P(Sc300Faults, RandomFaultsEndInTheRightPlaceOrInAnError) {
     }
   }
   std::cout << arrived << " arrived, " << failed << " failed, " << recovered << " recovered\n";
-  EXPECT_GT(arrived, 200);
-  EXPECT_GT(failed, 200);
+  EXPECT_GT(arrived, 60);
+  EXPECT_GT(failed, 60);
   EXPECT_GT(recovered, failed / 2);
+}
+
+TEST_P(Sc300Faults, RandomFaultsWhileHomingAndStoppingEndAtHomeOrInAnError) {
+  int homed = 0, failed = 0;
+  for (std::uint64_t k = 0; k < 300; ++k) {
+    Random draws = draws_of_this_test(k);
+    SimulatedSc300 rig(GetParam());
+    rig.ready();
+    constexpr std::array kKinds{
+        FaultKind::kSilence,        FaultKind::kLostReply,      FaultKind::kGarbage,
+        FaultKind::kTruncatedReply, FaultKind::kSplitReply,     FaultKind::kLateReply,
+        FaultKind::kDuplicatedLine, FaultKind::kLostCompletion, FaultKind::kErrorReply,
+        FaultKind::kReset,          FaultKind::kStuckAxis,      FaultKind::kCorruptReply,
+        FaultKind::kLimitHit};
+    constexpr std::array kVerbs{"home", "stop", "status", "status"};
+    for (int n = 0; n < 2; ++n) {
+      const char* verb = kVerbs[draws() % kVerbs.size()];
+      rig.fault({.kind = kKinds[draws() % kKinds.size()],
+                 .verb = verb,
+                 .nth = 1 + static_cast<int>(draws() % (verb[2] == 'a' ? 30 : 2)),
+                 .delay_s = draws.uniform(0, 2),
+                 .text = "E1"});
+    }
+    for (int round = 0; round < 3; ++round) {
+      rig.wire.clear();
+      try {
+        const double target = draws.uniform(-25, 25);
+        if (rig.yaw().homed()) {
+          rig.yaw().start(Degrees{target});
+          for (int i = 0; i < 5; ++i) rig.yaw().advance();
+        }
+        rig.yaw().stop();
+        const double here = rig.counter(AxisId::kYaw);
+        rig.clock.sleep_for(std::chrono::milliseconds{200});
+        // Still there, unless a reset that was due has come.
+        EXPECT_TRUE(rig.counter(AxisId::kYaw) == here || rig.counter(AxisId::kYaw) == 0.0) << k;
+        rig.yaw().home();
+        EXPECT_NEAR(rig.truth(AxisId::kYaw), 0.0, 1e-9) << k;
+        ++homed;
+      } catch (const Error&) {
+        EXPECT_FALSE(rig.yaw().homed()) << k;
+        ++failed;
+      }
+      EXPECT_LE(rig.wire.commands("H").size(), 1u) << k;
+    }
+  }
+  std::cout << homed << " homed, " << failed << " failed\n";
+  EXPECT_GT(homed, 450);
+  EXPECT_GT(failed, 50);
 }
 
 }  // namespace
