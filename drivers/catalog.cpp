@@ -9,6 +9,7 @@
 #include "drivers/camera_gige.h"
 #include "drivers/camera_usb.h"
 #include "drivers/zolix_mc600.h"
+#include "drivers/zolix_sc300.h"
 #include "drivers/zolix_zc300.h"
 #include "protocols/serial.h"
 #include "protocols/tcp.h"
@@ -21,6 +22,7 @@ constexpr ControllerModel kControllers[] = {
     // model       baud   modbus opens           identifies
     {"zolix-mc600", 19200, false, open_zolix_mc600, identify_zolix_mc600},
     {"zolix-zc300", 115200, true, open_zolix_zc300, identify_zolix_zc300},
+    {"zolix-sc300", 19200, false, open_zolix_sc300, identify_zolix_sc300},
 };
 
 std::vector<std::string> list_gige_cameras() {

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <utility>
 
 #include "src/core/errors.h"
 
@@ -63,6 +64,15 @@ void AsciiDialog::pump() {
     while (next_line()) {
     }
   } while (read_pending() > 0);
+}
+
+void AsciiDialog::tell(std::string_view command, Time timeout) {
+  pump();
+  std::string bytes = in_step_ ? "" : "\r";
+  bytes.append(command).push_back('\r');
+  const bool was_in_step = std::exchange(in_step_, false);
+  line_.write(bytes, *clock_, clock_->now() + timeout);
+  in_step_ = was_in_step;
 }
 
 void AsciiDialog::resync(Time quiet, Time at_most) {

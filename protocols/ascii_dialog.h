@@ -30,6 +30,8 @@ class AsciiDialog {
   /// took, LineError.
   std::string ask(std::string_view command, Time timeout, const Predicate& accept,
                   const std::function<bool()>& give_way = {});
+  /// Sends `command` and CR once, where no answer is due. @throws TimeoutError, LineError.
+  void tell(std::string_view command, Time timeout);
   /// Deals with what has arrived by itself, without waiting. @throws LineError.
   void pump();
   /// Ends a half-sent command with CR, then discards answers until the line has been quiet for

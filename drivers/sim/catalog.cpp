@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "drivers/sim/mc600.h"
+#include "drivers/sim/sc300.h"
 #include "drivers/sim/zc300.h"
 #include "src/core/errors.h"
 
@@ -14,6 +15,7 @@ namespace {
 constexpr SimulatorModel kSimulators[] = {
     {"zolix-mc600", simulate_mc600},
     {"zolix-zc300", simulate_zc300},
+    {"zolix-sc300", simulate_sc300},
 };
 
 }  // namespace

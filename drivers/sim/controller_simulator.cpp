@@ -160,6 +160,7 @@ void ControllerSimulator::answer(std::string bytes, Time now) {
 void ControllerSimulator::reset(Time now) {
   for (const auto& axis : axes_) axis->power_cycle(now);
   lost_completions_.clear();
+  deferred_faults_.clear();
   alarms_.clear();
   forget_input();
   power_up(now);
@@ -229,13 +230,26 @@ void ControllerSimulator::serve(Request request, Time now,
     }
   }
 
+  deferred_to_.reset();
   std::string reply = forced ? *forced : carry_out();
-  if (!reply_fault || reply.empty()) return answer(std::move(reply), now);
-  const Time due = now + from_seconds(reply_fault->delay_s);
+  if (!deferred_to_) return answer(std::move(reply), reply_fault, now);
+  deferred_faults_.erase(*deferred_to_);
+  if (reply_fault) deferred_faults_.emplace(*deferred_to_, *reply_fault);
+}
+
+void ControllerSimulator::send_deferred(AxisId id, std::string bytes) {
+  std::optional<Fault> fault;
+  if (const auto node = deferred_faults_.extract(id)) fault = node.mapped();
+  answer(std::move(bytes), fault, now_);
+}
+
+void ControllerSimulator::answer(std::string reply, const std::optional<Fault>& fault, Time now) {
+  if (!fault || reply.empty()) return answer(std::move(reply), now);
+  const Time due = now + from_seconds(fault->delay_s);
   const std::string half = reply.substr(0, reply.size() / 2), rest = reply.substr(reply.size() / 2);
-  switch (reply_fault->kind) {
+  switch (fault->kind) {
     case FaultKind::kGarbage:
-      answer(reply_fault->text.empty() ? std::string(kNoise) : reply_fault->text, now);
+      answer(fault->text.empty() ? std::string(kNoise) : fault->text, now);
       return answer(reply, now);
     case FaultKind::kCorruptReply:
       reply[reply.size() / 2] = static_cast<char>(reply[reply.size() / 2] ^ 0x15);

@@ -107,6 +107,10 @@ class ControllerSimulator : public Actor {
   void serve(Request request, Time now, const std::function<std::string()>& carry_out) {
     serve(std::move(request), now, carry_out, [this](const std::string& t) { return refusal(t); });
   }
+  /// Said by `carry_out`: the answer follows when the axis has done what it was asked for, by
+  /// `send_deferred`. What would have spoilt the answer spoils that.
+  void defer_answer(AxisId id) { deferred_to_ = id; }
+  void send_deferred(AxisId id, std::string bytes);
   /// True once for every kLostCompletion that struck a request naming this axis.
   bool loses_completion(AxisId id) { return lost_completions_.erase(id) > 0; }
   /// Bytes that answer nothing, now.
@@ -126,6 +130,7 @@ class ControllerSimulator : public Actor {
   AxisModel* model(std::optional<AxisId> id);
   void reset(Time now);
   void answer(std::string bytes, Time now);
+  void answer(std::string bytes, const std::optional<Fault>& fault, Time now);
 
   ControllerConfig config_;
   double reply_delay_s_;
@@ -134,6 +139,8 @@ class ControllerSimulator : public Actor {
   std::vector<Armed> faults_;
   std::vector<Event> events_;  // earliest first
   std::set<AxisId> alarms_, lost_completions_;
+  std::optional<AxisId> deferred_to_;        ///< by the request that is being carried out
+  std::map<AxisId, Fault> deferred_faults_;  ///< of answers that are still to come
   bool emergency_stop_ = false;
   std::function<void(const std::string&, bool, Time)> output_listener_;
   bool note_requests_ = false;

@@ -171,6 +171,19 @@ TEST_F(AsciiDialogTest, GivesWayWhileItWaits) {
   EXPECT_LE(clock.now(), milliseconds{20});
 }
 
+TEST_F(AsciiDialogTest, TellsWhatIsNotAnsweredAndStaysInStep) {
+  peer.on("a", {{{}, "=1\r"}});
+  dialog.tell("go", milliseconds{100});
+  EXPECT_TRUE(dialog.in_step());
+  EXPECT_EQ(ask("a"), "=1");
+  EXPECT_EQ(peer.got, "go\ra\r");
+  EXPECT_THROW(ask("b"), TimeoutError);
+  dialog.tell("go", milliseconds{100});  // ends what may have been half sent
+  EXPECT_FALSE(dialog.in_step());
+  clock.sleep_for(milliseconds{1});
+  EXPECT_TRUE(peer.got.ends_with("b\r\rgo\r")) << peer.got;
+}
+
 TEST_F(AsciiDialogTest, ResyncEndsEvenIfTheLineNeverGetsQuiet) {
   std::vector<Scripted::Piece> babble;
   for (int i = 0; i < 100; ++i) babble.push_back({milliseconds{10 * i}, "babble"});
