@@ -6,6 +6,11 @@
 #include <algorithm>
 
 namespace turntable {
+namespace {
+
+constexpr double kReplyTimeout_s = 1.0;  // of a controller that is opened without the catalogue
+
+}  // namespace
 
 /// A channel's axis, without its unit.
 class AxisController::Port {
@@ -61,6 +66,7 @@ class AxisController::ChannelAxis final : public Port, public AxisPort<Q> {
 
 AxisController::AxisController(ControllerSetup& setup)
     : config_(std::move(setup.controller)), clock_(setup.clock) {
+  if (config_.reply_timeout_s <= 0) config_.reply_timeout_s = kReplyTimeout_s;
   for (AxisConfig& axis : setup.axes) {
     for (const Channel& other : channels_)
       if (other.config.channel == axis.channel)

@@ -66,6 +66,8 @@ class AxisController : public Controller {
   virtual void send_stop(const Channel& channel, bool immediate) = 0;
   /// Called locked.
   virtual void switch_output(const OutputConfig& output, bool on) = 0;
+  /// How often a read may be asked.
+  virtual int attempts() const { return 3; }
   /// The line's name, for messages.
   virtual const std::string& line_name() const = 0;
 
@@ -89,14 +91,13 @@ class AxisController : public Controller {
   /// come here.
   template <class F>
   auto retried(Time deadline, F&& exchange) {
-    constexpr int kAttempts = 3;
     for (int attempt = 1;; ++attempt) {
       try {
         return exchange();
       } catch (const TimeoutError&) {
-        if (attempt == kAttempts || clock_->now() >= deadline) throw;
+        if (attempt == attempts() || clock_->now() >= deadline) throw;
       } catch (const ProtocolError&) {
-        if (attempt == kAttempts || clock_->now() >= deadline) throw;
+        if (attempt == attempts() || clock_->now() >= deadline) throw;
       }
     }
   }

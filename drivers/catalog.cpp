@@ -19,10 +19,10 @@ namespace turntable {
 namespace {
 
 constexpr ControllerModel kControllers[] = {
-    // model       baud   modbus opens           identifies
-    {"zolix-mc600", 19200, false, open_zolix_mc600, identify_zolix_mc600},
-    {"zolix-zc300", 115200, true, open_zolix_zc300, identify_zolix_zc300},
-    {"zolix-sc300", 19200, false, open_zolix_sc300, identify_zolix_sc300},
+    // model        baud   reply modbus opens             identifies
+    {"zolix-mc600", 19200, 1.0, false, open_zolix_mc600, identify_zolix_mc600},
+    {"zolix-zc300", 115200, 0.2, true, open_zolix_zc300, identify_zolix_zc300},
+    {"zolix-sc300", 19200, 1.0, false, open_zolix_sc300, identify_zolix_sc300},
 };
 
 std::vector<std::string> list_gige_cameras() {
@@ -78,7 +78,10 @@ void check_controller(const ControllerConfig& controller) {
 
 std::unique_ptr<Controller> open_controller(ControllerSetup setup) {
   check_controller(setup.controller);
-  return model_of(setup.controller).open(std::move(setup));
+  const ControllerModel& model = model_of(setup.controller);
+  if (setup.controller.reply_timeout_s == 0)
+    setup.controller.reply_timeout_s = model.reply_timeout_s;
+  return model.open(std::move(setup));
 }
 
 Line open_line(const ControllerConfig& controller) {

@@ -17,7 +17,8 @@ namespace turntable {
 struct ControllerModel {
   std::string_view model;
   int default_baud;
-  bool modbus;  ///< so that it can stand behind a Modbus gateway
+  double reply_timeout_s;  ///< that the rig file need not state
+  bool modbus;             ///< so that it can stand behind a Modbus gateway
   std::unique_ptr<Controller> (*open)(ControllerSetup);  ///< talks to nobody yet
   /// Asks who is there, by queries alone; empty if it is another model, or nobody.
   std::string (*identify)(Line, Clock&);

@@ -100,6 +100,8 @@ class Zc300 final : public AxisController {
   bool may_be_homed(const Channel& channel) override;
   void send_stop(const Channel& channel, bool immediate) override;
   void switch_output(const OutputConfig& output, bool on) override;
+  /// Each axis that ends its motion meanwhile costs one.
+  int attempts() const override { return 3 + static_cast<int>(channels().size()); }
   const std::string& line_name() const override { return master_.line().name(); }
 
  private:

@@ -70,7 +70,7 @@ class Reader {
       ControllerConfig controller;
       controller.name = key;
       controller.model = c.at("model");
-      controller.reply_timeout_s = c.value("reply_timeout_ms", 1000.0) / 1000.0;
+      controller.reply_timeout_s = c.value("reply_timeout_ms", 0.0) / 1000.0;
       controller.address = c.value("address", 1);
       controller.answers_while_moving = c.value("answers_while_moving", true);
       controller.line = line(c.at("line"));

@@ -59,7 +59,7 @@ struct ControllerConfig {
   std::string name;   ///< key in the rig file
   std::string model;  ///< row of the controller catalogue
   LineConfig line;
-  double reply_timeout_s = 1.0;
+  double reply_timeout_s = 0.0;      ///< 0 = what the model usually needs
   int address = 1;                   ///< Modbus slave of a controller that is one slave
   bool answers_while_moving = true;  ///< false: nothing but a stop is heard until a move has ended
   std::vector<OutputConfig> outputs;
