@@ -517,6 +517,10 @@ TEST_F(ZolixZc300, HoldsACommandBackAroundTheEndOfAnotherMotion) {
 TEST_F(ZolixZc300, WaitsForTheHomingOfAnotherAxis) {
   ready();
   move(yaw(), 10);
+  Time sent{0};
+  wire.on_sent = [&](std::string_view bytes, Time time) {
+    if (sent == Time{0} && hex_of(bytes).starts_with("0110756100030600640032")) sent = time;
+  };
   std::thread other([&] { roll().home(); });
   const std::string go_home = bytes_of("0110756100030600690033004e");  // Z
   while (wire.sent().find(go_home) == std::string::npos) std::this_thread::yield();
@@ -524,7 +528,9 @@ TEST_F(ZolixZc300, WaitsForTheHomingOfAnotherAxis) {
   while (!yaw().advance()) {
   }
   other.join();
+  wire.on_sent = nullptr;
   EXPECT_TRUE(roll().homed());
+  EXPECT_GE(sent, simulator->axis(AxisId::kRoll).ends_at());
   EXPECT_NEAR(truth(AxisId::kYaw), -20, 1e-9);
 }
 
