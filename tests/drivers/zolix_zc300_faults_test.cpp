@@ -254,6 +254,15 @@ TEST_F(Zc300Faults, AResetIsNotTakenForAHomedAxis) {
   }
 }
 
+TEST_F(Zc300Faults, APowerCycleAtTheLastMomentMovesNothing) {
+  move(yaw(), 10);
+  const std::size_t commands = count("move");
+  fault({.kind = FaultKind::kReset, .verb = "get", .nth = 2});  // target read back, then the token
+  EXPECT_THAT(fails_to_move<DeviceError>(-5), HasSubstr("stands at 0 and no more at 10"));
+  EXPECT_EQ(count("move"), commands);
+  expect_recovery();
+}
+
 TEST_F(Zc300Faults, APowerCycleAtRestIsNoticedEvenAtZero) {
   for (const double place : {0.0, 7.0}) {
     move(yaw(), place);
