@@ -6,6 +6,7 @@
 #include <cassert>
 
 #include "drivers/camera_folder.h"
+#include "drivers/leadshine_pr.h"
 #include "drivers/zolix_mc600.h"
 #include "protocols/serial.h"
 #include "protocols/tcp.h"
@@ -17,6 +18,7 @@ namespace {
 constexpr ControllerModel kControllers[] = {
     // model       baud   opens
     {"zolix-mc600", 19200, open_zolix_mc600},
+    {"leadshine-pr", 38400, open_leadshine_pr},
 };
 
 constexpr CameraModel kCameras[] = {

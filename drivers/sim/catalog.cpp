@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "drivers/sim/leadshine.h"
 #include "drivers/sim/mc600.h"
 #include "src/core/errors.h"
 
@@ -12,6 +13,7 @@ namespace {
 
 constexpr SimulatorModel kSimulators[] = {
     {"zolix-mc600", simulate_mc600},
+    {"leadshine-pr", [](const SimulatorSetup& setup) { return simulate_leadshine(setup); }},
 };
 
 }  // namespace
