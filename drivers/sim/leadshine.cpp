@@ -55,7 +55,8 @@ Words factory_words(int slave) {
     for (int a = first; a <= last; a += 2) put(words, static_cast<std::uint16_t>(a - 1), value);
   };
   parameters(0x0001, 0x0001, 10000);
-  parameters(0x0003, 0x0007, 0);
+  parameters(0x0003, 0x0003, 0);
+  parameters(0x0007, 0x0007, 0);
   parameters(0x000F, 0x000F, 1);
   parameters(0x0145, 0x0151, 0);
   parameters(0x0157, 0x015B, 0);
