@@ -8,6 +8,7 @@
 #include "drivers/camera_folder.h"
 #include "drivers/camera_gige.h"
 #include "drivers/camera_usb.h"
+#include "drivers/leadshine_pr.h"
 #include "drivers/zolix_mc600.h"
 #include "drivers/zolix_sc300.h"
 #include "drivers/zolix_zc300.h"
@@ -23,6 +24,7 @@ constexpr ControllerModel kControllers[] = {
     {"zolix-mc600", 19200, 1.0, false, open_zolix_mc600, identify_zolix_mc600},
     {"zolix-zc300", 115200, 0.2, true, open_zolix_zc300, identify_zolix_zc300},
     {"zolix-sc300", 19200, 1.0, false, open_zolix_sc300, identify_zolix_sc300},
+    {"leadshine-pr", 38400, 0.3, true, open_leadshine_pr, identify_leadshine_pr},
 };
 
 std::vector<std::string> list_gige_cameras() {

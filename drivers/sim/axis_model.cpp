@@ -135,7 +135,8 @@ void AxisModel::stop(Time now, bool immediate) {
                            ? std::ceil((rest_.motor - counter_zero_) / per_step_ - 1e-6)
                            : std::floor((rest_.motor - counter_zero_) / per_step_ + 1e-6)) *
                           per_step_;
-  if (immediate) {
+  // Too slow for a ramp: what the profile has left is less than a pulse.
+  if (immediate || speed * speed <= 2 * ramp_.acceleration * per_step_) {
     rest_.motor = on_grid;
     return;
   }

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "drivers/sim/leadshine.h"
 #include "drivers/sim/mc600.h"
 #include "drivers/sim/sc300.h"
 #include "drivers/sim/zc300.h"
@@ -16,6 +17,7 @@ constexpr SimulatorModel kSimulators[] = {
     {"zolix-mc600", simulate_mc600},
     {"zolix-zc300", simulate_zc300},
     {"zolix-sc300", simulate_sc300},
+    {"leadshine-pr", [](const SimulatorSetup& setup) { return simulate_leadshine(setup); }},
 };
 
 }  // namespace

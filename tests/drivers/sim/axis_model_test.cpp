@@ -104,6 +104,16 @@ TEST(AxisModel, HaltsOnTheSpotWhenTold) {
   EXPECT_NEAR(axis.counter_position(seconds{60}), at, 0.00126);
 }
 
+TEST(AxisModel, StopsWithoutAnInitialSpeedAtAnyTime) {
+  for (int ms = 0; ms < 1000; ++ms) {  // 5 deg take 632 ms
+    AxisModel axis = ideal();
+    axis.move_to(Time{0}, 5.0, {0.0, 25.0, 50.0});
+    const Time when = milliseconds{ms};
+    axis.stop(when);
+    EXPECT_FALSE(axis.moving(when + milliseconds{350})) << ms;
+  }
+}
+
 TEST(AxisModel, StopsAtTheEndOfItsMechanics) {
   AxisModel axis = ideal();
   axis.move_to(Time{0}, 1000.0, kRamp);

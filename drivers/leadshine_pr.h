@@ -1,0 +1,27 @@
+// Leadshine RS-485 steppers (DM2C, EM2RS, CS2RS, iEM-RS and their like) in PR mode: Modbus RTU,
+// usually 38400 8N1, or the same behind a Modbus TCP gateway. One drive per axis; the "controller"
+// of a rig file is the bus, and an axis' channel the address of its drive, "1" to "31".
+//
+//   move   block 0x6200..0x6207 (path 0): absolute, position, rpm, ramps; read back; 0x6002 <- 0x10
+//   home   0x6002 <- 0x20     stop   0x6002 <- 0x40, with the deceleration of 0x6017
+//   state  0x1003 (fault, enabled, running, done bits), then the position 0x602A/2B in pulses
+//
+// The drive knows whole rpm and whole ms per 1000 rpm only: a speed or an acceleration that this
+// would change by more than 2 % is refused. It shows no limit switches: a limit is seen as a halt
+// short of the goal. Its set-up may be gone after a power cycle, so it is compared again before
+// each homing. Sources: protocols/README.md.
+#pragma once
+
+#include <memory>
+
+#include "drivers/controller.h"
+
+namespace turntable {
+
+std::unique_ptr<Controller> open_leadshine_pr(ControllerSetup setup);
+
+/// Asks slaves 1 to 8 who is there, by queries alone. @return what to call them; empty if none of
+/// them answers as such a drive does.
+std::string identify_leadshine_pr(Line line, Clock& clock);
+
+}  // namespace turntable
