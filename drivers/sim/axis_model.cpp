@@ -104,12 +104,14 @@ void AxisModel::move_to(Time now, double target, Ramp ramp) {
   }
   const double to = clipped(counter_zero_ + pulses * per_step_);
   if ((to - rest_.motor) * switch_ < 0) switch_ = 0;
+  on_move_ = true;
   add_leg(now, rest_.motor, to, ramp);
 }
 
 void AxisModel::home(Time now, Ramp ramp) {
   freeze(now);
   homed_ = false;
+  on_move_ = false;
   switch_ = 0;
   ramp_ = ramp;
   if (jam_ == Jam::kPulses) {
@@ -186,7 +188,7 @@ void AxisModel::freeze(Time now) {
     homed_ = true;
     counter_zero_ = 0;
     lowest_ = highest_ = 0;
-  } else if (!homing_ && leg_count_ > 0) {
+  } else if (on_move_ && leg_count_ > 0) {
     lowest_ = std::min(lowest_, here.motor - counter_zero_);
     highest_ = std::max(highest_, here.motor - counter_zero_);
   }

@@ -102,9 +102,11 @@ class AxisModel {
   double per_step() const { return per_step_; }
   std::uint64_t moves() const { return moves_; }
   /// How far the counter has been on moves (not on the way home), since the last homing.
-  double lowest(Time t) const { return homing_ ? lowest_ : std::min(lowest_, counter_position(t)); }
+  double lowest(Time t) const {
+    return on_move_ ? std::min(lowest_, counter_position(t)) : lowest_;
+  }
   double highest(Time t) const {
-    return homing_ ? highest_ : std::max(highest_, counter_position(t));
+    return on_move_ ? std::max(highest_, counter_position(t)) : highest_;
   }
   /// Ends of the mechanics, true coordinate.
   double hard_lower() const { return hard_lower_; }
@@ -149,7 +151,8 @@ class AxisModel {
   std::uint64_t moves_ = 0;
   Jam jam_ = Jam::kNone;
   double blocked_true_ = 0;
-  int switch_ = 0;  ///< a limit switch that is on: -1 lower, 1 upper
+  int switch_ = 0;        ///< a limit switch that is on: -1 lower, 1 upper
+  bool on_move_ = false;  ///< the last motion was a move, not a homing
   double lowest_ = 0, highest_ = 0;
 };
 

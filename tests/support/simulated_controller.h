@@ -40,6 +40,9 @@ struct ControllerVariant {
     for (char& c : text) c = c == '-' ? '_' : c;
     return text;
   }
+  friend void PrintTo(const ControllerVariant& variant, std::ostream* out) {
+    *out << variant.name();
+  }
 };
 
 /// Every model of the catalogue, and its variants.
