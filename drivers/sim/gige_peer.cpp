@@ -96,7 +96,7 @@ class GigePeer::Impl {
       write(ARV_FAKE_CAMERA_REGISTER_TRIGGER_SOURCE, kLine0);
       edge_ = Edge::kNone;
     }
-    edge_changed_.wait(lock, [&] { return edge_ == Edge::kNone; });
+    edge_changed_.wait_for(lock, std::chrono::seconds{10}, [&] { return edge_ == Edge::kNone; });
   }
 
   void kill() {

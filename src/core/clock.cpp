@@ -52,10 +52,7 @@ void SystemClock::sleep_until(Time deadline) {
   }
 }
 
-Time ManualClock::now() const {
-  const std::lock_guard lock(mutex_);
-  return now_;
-}
+Time ManualClock::now() const { return now_.load(); }
 
 void ManualClock::settle() {
   std::vector<pollfd> watched;
@@ -67,7 +64,7 @@ void ManualClock::settle() {
     ::poll(watched.data(), watched.size(), 0);
     for (std::size_t i = 0; i < actors_.size(); ++i) {
       const auto due = actors_[i]->next_due();
-      if ((watched[i].revents & POLLIN) == 0 && !(due && *due <= now_)) continue;
+      if ((watched[i].revents & POLLIN) == 0 && !(due && *due <= now())) continue;
       actors_[i]->act(now_);
       busy = true;
     }
@@ -84,11 +81,12 @@ bool ManualClock::wait_readable(int fd, Time deadline) {
   for (;;) {
     settle();
     if (readable(fd, milliseconds{0})) return true;
-    if (now_ >= deadline) return false;
+    const Time now = now_;
+    if (now >= deadline) return false;
     throw_if_stopping_now();
     Time next = deadline;
     for (const Actor* actor : actors_)
-      if (const auto due = actor->next_due()) next = std::min(next, std::max(*due, now_));
+      if (const auto due = actor->next_due()) next = std::min(next, std::max(*due, now));
     now_ = next;
   }
 }

@@ -4,6 +4,7 @@
 // thing that happens.
 #pragma once
 
+#include <atomic>
 #include <chrono>
 #include <functional>
 #include <mutex>
@@ -79,8 +80,8 @@ class ManualClock final : public Clock {
  private:
   void settle();  ///< lets every actor answer until all are quiet at the present time
 
-  mutable std::recursive_mutex mutex_;
-  Time now_{0};
+  std::recursive_mutex mutex_;
+  std::atomic<Time> now_{Time{0}};  ///< read without the lock: also by whoever an actor waits for
   std::vector<Actor*> actors_;
   std::function<bool()> in_flight_;
 };

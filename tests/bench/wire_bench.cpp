@@ -1,93 +1,138 @@
-// What the driver and the simulated wire cost in real time. Prints times; fails only if a move ends
-// elsewhere than it should.
+// What the drivers and the simulated wire cost in real time, for every controller of the catalogue.
+// Prints times; fails only if a move ends elsewhere than it should, or a faulted run breaks a rule.
 #include <benchmark/benchmark.h>
 
+#include <array>
 #include <cmath>
 #include <thread>
 
-#include "drivers/catalog.h"
-#include "drivers/motion.h"
-#include "drivers/sim/catalog.h"
 #include "drivers/sim/serve.h"
 #include "protocols/serial.h"
 #include "src/core/interrupt.h"
-#include "tests/support/axis_configs.h"
+#include "tests/support/fault_campaign.h"
 
 namespace turntable {
 namespace {
 
-ControllerConfig mc600() {
-  ControllerConfig config;
-  config.name = "mc600";
-  config.model = "zolix-mc600";
-  return config;
+/// One question and its answer through driver and simulator, all of it in this process.
+void SimulatedExchange(benchmark::State& state, const ControllerVariant& variant) {
+  SimulatedController rig(variant);
+  rig.controller->connect();
+  const std::size_t before = rig.simulator->requests().size();
+  for (auto _ : state) benchmark::DoNotOptimize(rig.yaw().position());
+  state.counters["exchanges_per_read"] =
+      static_cast<double>(rig.simulator->requests().size() - before) /
+      static_cast<double>(state.iterations());
 }
 
-/// Three rotary axes on one controller, joined by a socketpair under a manual clock.
-struct Rig {
-  Rig() {
-    auto [near, far] = line_pair("line");
-    simulator->plug(std::move(far));
-    clock.attach(*simulator);
-    controller = open_controller({mc600(), four_axes(), std::move(near), &clock});
-    controller->connect();
-    for (auto* axis : {&yaw(), &roll(), &pitch()}) axis->home();
+/// An actor that sends back what it hears: the line's own time.
+class Echo final : public Actor {
+ public:
+  explicit Echo(Line line) : line_(std::move(line)) {}
+  int descriptor() const override { return line_.descriptor(); }
+  std::optional<Time> next_due() const override { return std::nullopt; }
+  void act(Time now) override {
+    std::array<char, 256> buffer;
+    const std::size_t n = line_.read_available(buffer, now);
+    line_.write_available({buffer.data(), n}, now);
   }
-  ~Rig() { clock.detach(*simulator); }
-  Axis<Degrees>& yaw() { return *controller->rotary_axis(AxisId::kYaw); }
-  Axis<Degrees>& roll() { return *controller->rotary_axis(AxisId::kRoll); }
-  Axis<Degrees>& pitch() { return *controller->rotary_axis(AxisId::kPitch); }
 
-  ManualClock clock;
-  std::unique_ptr<sim::ControllerSimulator> simulator =
-      sim::simulate_controller("zolix-mc600", {four_axes(), {}, 1});
-  std::unique_ptr<Controller> controller;
+ private:
+  Line line_;
 };
 
-/// One question and its answer, all of it in this process.
-void SimulatedExchange(benchmark::State& state) {
-  Rig rig;
-  for (auto _ : state) benchmark::DoNotOptimize(rig.yaw().position());
-}
-BENCHMARK(SimulatedExchange);
-
-/// The same over a pty, with the simulator on a thread of its own.
-void PtyExchange(benchmark::State& state) {
-  SystemClock clock;
-  const auto simulator = sim::simulate_controller("zolix-mc600", {four_axes(), {}, 1});
-  const std::string path = sim::plug_into_pty(*simulator);
-  const std::vector<Actor*> actors{simulator.get()};
-  std::thread server([&] { serve(clock, actors); });
-  {
-    const auto controller =
-        open_controller({mc600(), four_axes(), open_serial(path, 19200), &clock});
-    controller->connect();
-    Axis<Degrees>& yaw = *controller->rotary_axis(AxisId::kYaw);
-    for (auto _ : state) benchmark::DoNotOptimize(yaw.position());
+/// Serves on a thread of its own while it lives.
+class Served {
+ public:
+  Served(SystemClock& clock, Actor& actor)
+      : actors_{&actor}, thread_([this, &clock] { serve(clock, actors_); }) {}
+  ~Served() {
+    set_interrupt_level(1);
+    thread_.join();
+    set_interrupt_level(0);
   }
-  set_interrupt_level(1);
-  server.join();
-  set_interrupt_level(0);
-}
-BENCHMARK(PtyExchange)->UseRealTime()->Unit(benchmark::kMicrosecond);
 
-/// A pose of a campaign: three axes, 5 deg further each, overshoot and settling included.
-void SimulatedPose(benchmark::State& state) {
-  Rig rig;
+ private:
+  std::vector<Actor*> actors_;
+  std::thread thread_;
+};
+
+/// Sixteen bytes there and back over a pty, without any driver.
+void PtyEcho(benchmark::State& state) {
+  SystemClock clock;
+  Pty pty = make_pty();
+  Echo echo(std::move(pty.master));
+  const Served served(clock, echo);
+  Line line = open_serial(pty.path, 19200);
+  std::array<char, 64> buffer;
+  for (auto _ : state) {
+    const Time deadline = clock.now() + std::chrono::seconds{5};
+    line.write("0123456789abcdef", clock, deadline);
+    for (std::size_t n = 0; n < 16;) n += line.read(buffer, clock, deadline);
+  }
+}
+BENCHMARK(PtyEcho)->UseRealTime()->Unit(benchmark::kMicrosecond);
+
+/// The same as SimulatedExchange over a pty, with the simulator on a thread of its own: what is
+/// beyond PtyEcho, per exchange, is the driver's and the simulator's.
+void PtyExchange(benchmark::State& state, const ControllerVariant& variant) {
+  SystemClock clock;
+  ControllerConfig config;
+  config.name = "mc1";
+  config.model = variant.model;
+  config.answers_while_moving = variant.answers_while_moving;
+  const std::vector<AxisConfig> axes = axes_of(variant.model);
+  const auto simulator = sim::simulate_controller(variant.model, {axes, {}, 1, config});
+  const std::string path = sim::plug_into_pty(*simulator);
+  const Served served(clock, *simulator);
+  const auto controller = open_controller({config, axes, open_serial(path, 19200), &clock});
+  controller->connect();
+  Axis<Degrees>& yaw = *controller->rotary_axis(AxisId::kYaw);
+  for (auto _ : state) benchmark::DoNotOptimize(yaw.position());
+}
+
+/// A pose of a campaign: three axes, 5 deg or 5 mm further each, overshoot and settling included.
+void SimulatedPose(benchmark::State& state, const ControllerVariant& variant) {
+  SimulatedController rig(variant);
+  rig.ready();
   int k = 0;
   const Time before = rig.clock.now();
   for (auto _ : state) {
     const double to = 5.0 * (++k % 11) - 25.0;
     rig.yaw().start(Degrees{to});
     rig.roll().start(Degrees{-to});
-    rig.pitch().start(Degrees{0.5 * to});
-    wait_all(rig.yaw(), rig.roll(), rig.pitch());
+    rig.stage().start(Millimetres{30 + to});
+    wait_all(rig.yaw(), rig.roll(), rig.stage());
     if (std::abs(rig.yaw().arrival().position.value - to) > 0.001)
       state.SkipWithError("did not arrive");
   }
   state.counters["virtual_s_per_pose"] = seconds(rig.clock.now() - before) / std::max(k, 1);
 }
-BENCHMARK(SimulatedPose)->Unit(benchmark::kMicrosecond);
+
+/// Short runs with random faults (tests/support/fault_campaign.h), their journals included.
+void FaultedRuns(benchmark::State& state, const ControllerVariant& variant) {
+  FaultCampaign campaign(variant);
+  std::uint64_t k = 100'000;
+  for (auto _ : state)
+    if (!campaign.run(k++).broken.empty()) state.SkipWithError("a run broke a rule");
+  state.counters["runs_per_s"] =
+      benchmark::Counter(static_cast<double>(state.iterations()), benchmark::Counter::kIsRate);
+}
+
+const bool registered = [] {
+  for (const ControllerVariant& variant : all_controllers()) {
+    const auto add = [&](const char* name, auto* function) {
+      return benchmark::RegisterBenchmark((std::string(name) + "/" + variant.name()).c_str(),
+                                          function, variant);
+    };
+    add("SimulatedExchange", SimulatedExchange)->Unit(benchmark::kMicrosecond);
+    if (!variant.gateway)
+      add("PtyExchange", PtyExchange)->UseRealTime()->Unit(benchmark::kMicrosecond);
+    add("SimulatedPose", SimulatedPose)->Unit(benchmark::kMicrosecond);
+    add("FaultedRuns", FaultedRuns)->UseRealTime()->Unit(benchmark::kMillisecond);
+  }
+  return true;
+}();
 
 }  // namespace
 }  // namespace turntable

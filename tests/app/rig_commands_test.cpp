@@ -1,0 +1,222 @@
+// The rig by hand, on devices that another process serves as if they were real: status, home, move,
+// stop, devices; one mover at a time; faults from a file.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "tests/app/background_program.h"
+#include "tests/app/program.h"
+
+namespace turntable {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+const fs::path kScenarios = fs::path(TURNTABLE_SOURCE_DIR) / "scenarios";
+
+void replace(std::string& text, const std::string& from, const std::string& to) {
+  const auto at = text.find(from);
+  ASSERT_NE(at, std::string::npos) << "no " << from;
+  text.replace(at, from.size(), to);
+}
+
+/// A rig file whose lines are served by `simulate`, ten times as fast as real ones.
+class ServedRig : public ::testing::Test {
+ protected:
+  /// @param lines for each controller in turn: "pty", or how its line is stated.
+  void serve(const std::string& rig, const std::vector<std::string>& lines,
+             const std::string& options = "", const std::string& more_from = "",
+             const std::string& more_to = "") {
+    std::string text = slurp(kScenarios / "rigs" / (rig + ".json"));
+    for (std::size_t i = 0; i < lines.size(); ++i)
+      replace(text, R"("line": {"simulated": {}})",
+              R"("line": )" + (lines[i] == "pty"
+                                   ? R"({"serial": {"port": ")" +
+                                         (folder / ("mc" + std::to_string(i + 1))).string() + "\"}}"
+                                   : lines[i]));
+    replace(text, "../calibration_sweep.json", (kScenarios / "calibration_sweep.json").string());
+    if (!more_from.empty()) replace(text, more_from, more_to);
+    spill(file, text);
+    server =
+        std::make_unique<BackgroundProgram>("simulate " + file.string() + " --speed 10 --links " +
+                                                folder.path().string() + " " + options,
+                                            folder / "server.log");
+    ASSERT_TRUE(server->prints(lines.back() == "pty" ? "/dev/pts/" : "127.0.0.1:"))
+        << server->output();
+  }
+  Outcome rig(const std::string& verb, const std::string& more = "") {
+    return turntable_program(verb + " --rig " + file.string() + " --speed 10 " + more);
+  }
+  static std::string tcp(const std::string& kind, int port) {
+    return "{\"" + kind + R"(": {"host": "127.0.0.1", "port": )" + std::to_string(port) + "}}";
+  }
+
+  TemporaryFolder folder;
+  fs::path file = folder / "rig.json";
+  std::unique_ptr<BackgroundProgram> server;
+};
+
+TEST_F(ServedRig, IsHomedAndMovedAndAskedByHand) {
+  serve("two_zc300", {"pty", tcp("modbus_tcp", 15021)});
+  Outcome o = rig("status");
+  EXPECT_EQ(o.code, 0) << o.output;
+  EXPECT_THAT(o.output, HasSubstr("ZC300-3A serial"));
+  EXPECT_THAT(o.output, HasSubstr("yaw "));
+
+  o = rig("move yaw 10");
+  EXPECT_EQ(o.code, 2);
+  EXPECT_THAT(o.output, HasSubstr("--homed"));
+  o = rig("move yaw 10", "--homed");  // the controller knows better
+  EXPECT_EQ(o.code, 3);
+  EXPECT_THAT(o.output, HasSubstr("not been homed since it was switched on"));
+
+  o = rig("home");
+  ASSERT_EQ(o.code, 0) << o.output;
+  o = rig("move yaw 10 pitch -5.5", "--homed --wire-log " + (folder / "wire.log").string());
+  ASSERT_EQ(o.code, 0) << o.output;
+  EXPECT_THAT(o.output, HasSubstr("10.00000 deg"));
+  EXPECT_THAT(o.output, HasSubstr("-5.50000 deg"));
+  EXPECT_THAT(slurp(folder / "wire.log"), HasSubstr("mc1 > 01 04 75 3b 00 0a"));
+  o = rig("move yaw -2.5", "--relative --homed");
+  ASSERT_EQ(o.code, 0) << o.output;
+  EXPECT_THAT(o.output, HasSubstr("7.50000 deg"));
+  o = rig("move yaw 95", "--homed");
+  EXPECT_EQ(o.code, 2);
+  EXPECT_THAT(o.output, HasSubstr("Nothing was sent"));
+  for (const char* wrong : {"move yaw", "move jaw 3 --home", "move yaw ten --home",
+                            "move yaw 1 yaw 2 --home", "move yaw 1 --home --homed", "home jaw"})
+    EXPECT_EQ(rig(wrong).code, 2) << wrong;
+  o = rig("stop");
+  EXPECT_EQ(o.code, 0) << o.output;
+  EXPECT_THAT(o.output, HasSubstr("all axes stand"));
+  EXPECT_THAT(o.output, HasSubstr("7.50000"));
+}
+
+TEST_F(ServedRig, SaysWhatIsSetUpDifferently) {
+  serve("simulated", {"pty"});
+  std::string text = slurp(file);
+  replace(text, R"("stage": "zolix-tsa200",)", R"("stage": "zolix-tsa200", "speed_mm_s": 15,)");
+  spill(file, text);
+  Outcome o = rig("status");
+  EXPECT_EQ(o.code, 3);
+  EXPECT_THAT(o.output, HasSubstr("SetSpeed? X: wanted 15, found 20"));
+  o = rig("home stage");
+  EXPECT_EQ(o.code, 3);
+  EXPECT_THAT(o.output, HasSubstr("SetSpeed? X: wanted 15, found 20"));
+  EXPECT_EQ(rig("stop").code, 0);  // always
+  o = rig("home stage", "--configure");
+  EXPECT_EQ(o.code, 0) << o.output;
+  EXPECT_EQ(rig("status").code, 0);
+}
+
+TEST_F(ServedRig, RefusesASecondMoverAndCanBeStoppedFromAnotherProcess) {
+  serve("simulated", {"pty"});
+  const std::string run = "run " + (kScenarios / "uniaxial_z.json").string() + " --rig " +
+                          file.string() + " --speed 10 --out " + (folder / "run").string();
+  BackgroundProgram campaign(run, folder / "run.log");
+  ASSERT_TRUE(campaign.prints("run: ")) << campaign.output();
+
+  Outcome o = rig("move yaw 5", "--home");
+  EXPECT_EQ(o.code, 3);
+  EXPECT_THAT(o.output, HasSubstr("in use by process"));
+  EXPECT_THAT(o.output, HasSubstr("uniaxial_z.json"));
+  o = turntable_program("devices --port " + (folder / "mc1").string());
+  EXPECT_THAT(o.output, HasSubstr("in use by process"));
+  o = rig("status");
+  EXPECT_EQ(o.code, 0);
+  EXPECT_THAT(o.output, HasSubstr("in use by process"));
+
+  o = rig("stop");
+  EXPECT_EQ(o.code, 0) << o.output;
+  EXPECT_THAT(o.output, HasSubstr("was told to stop and has let go"));
+  EXPECT_THAT(o.output, HasSubstr("all axes stand"));
+  EXPECT_EQ(campaign.ended(), 130);
+  EXPECT_THAT(slurp(folder / "run/journal.jsonl"), HasSubstr("\"exit_status\":\"abort\""));
+}
+
+TEST_F(ServedRig, IsFreeAgainAfterAMoverIsKilled) {
+  serve("simulated", {"pty"});
+  {
+    BackgroundProgram mover("move stage 150 --home --rig " + file.string() + " --speed 10",
+                            folder / "move.log");
+    for (int i = 0; i < 200 && rig("status").output.find("in use") == std::string::npos; ++i) {
+    }
+    EXPECT_EQ(rig("home yaw").code, 3);
+    mover.signal(SIGKILL);
+    EXPECT_EQ(mover.ended(), 128 + SIGKILL);
+  }
+  const Outcome o = rig("stop");
+  EXPECT_EQ(o.code, 0) << o.output;
+  EXPECT_EQ(rig("home yaw").code, 0);
+}
+
+TEST_F(ServedRig, GoesWrongByAFile) {
+  spill(folder / "faults.json",
+        R"({"format": "turntable-faults/1", "faults": [
+            {"controller": "mc1", "fault": "emergency_stop", "on": "move", "nth": 2, "after_ms": 100}]})");
+  serve("two_zc300", {"pty", tcp("tcp", 15022)}, "--faults " + (folder / "faults.json").string());
+  const Outcome o = rig("move yaw 10", "--home");
+  EXPECT_EQ(o.code, 3);
+  EXPECT_THAT(o.output, HasSubstr("the emergency stop is pressed"));
+}
+
+TEST_F(ServedRig, IsIdentifiedByQueriesAlone) {
+  const std::vector<std::pair<std::string, std::string>> kWho{
+      {"simulated", "Zolix MC600"},
+      {"two_zc300", "Zolix ZC300"},
+      {"sc300_zc300", "Zolix SC300"},
+      {"leadshine", "Leadshine drives in PR mode, slaves 1 2 3 4"}};
+  int port = 15030;
+  for (const auto& [name, who] : kWho) {
+    std::vector<std::string> lines{"pty"};
+    if (name == "two_zc300" || name == "sc300_zc300") lines.push_back(tcp("tcp", port++));
+    serve(name, lines);
+    const Outcome o = turntable_program("devices --port " + (folder / "mc1").string() + " --port " +
+                                        (folder / "bus1").string());
+    EXPECT_THAT(o.output, HasSubstr(who));
+    server.reset();
+  }
+}
+
+TEST_F(ServedRig, RefusesBadFaultFiles) {
+  for (
+      const auto& [text, says] : std::vector<std::pair<std::string, std::string>>{
+          {R"({"format": "turntable-faults/1", "faults": []})", "/faults"},
+          {R"({"format": "turntable-faults/1", "faults": [{"controller": "mc1", "fault": "gremlin"}]})",
+           "/faults/0/fault"},
+          {R"({"format": "turntable-faults/1", "faults": [{"controller": "mc9", "fault": "silence"}]})",
+           "/faults/0/controller"}}) {
+    spill(folder / "faults.json", text);
+    const Outcome o = turntable_program("simulate scenarios/rigs/simulated.json --faults " +
+                                        (folder / "faults.json").string());
+    EXPECT_EQ(o.code, 2);
+    EXPECT_THAT(o.output, HasSubstr(says));
+  }
+}
+
+// ---- the camera
+
+TEST_F(ServedRig, ShowsItsCameraOnLoopbackAndItsPayloadIsChangedByHand) {
+  serve("gige", {"pty"}, "", "\"simulated\": {},\n", "\"device\": \"127.0.0.1\",\n");
+  EXPECT_THAT(server->output(), HasSubstr("camera 127.0.0.1"));
+  EXPECT_THAT(turntable_program("devices").output, HasSubstr("gige camera: Aravis-Fake-SIM01"));
+  server->say("mount led_target\n");
+  EXPECT_TRUE(server->prints("mounted led_target"));
+  server->say("mount elephant\n");
+  EXPECT_TRUE(server->prints("allowed: mount circle_pattern, mount led_target"));
+  // A scenario on it, in real time over both protocols: five poses by a given calibration.
+  const Outcome made = turntable_program("run " + (kScenarios / "campaigns/quick.json").string() +
+                                         " --rig scenarios/rigs/simulated.json --out " +
+                                         (folder / "calibrated").string());
+  ASSERT_EQ(made.code, 0) << made.output;
+  const Outcome o =
+      rig("run " + (kScenarios / "quick/uniaxial_x.json").string(),
+          "--assume-mounted --calibration " + (folder / "calibrated/calibration.json").string() +
+              " --out " + (folder / "run").string());
+  EXPECT_EQ(o.code, 0) << o.output;
+  EXPECT_THAT(o.output, HasSubstr("aopit_ray"));
+}
+
+}  // namespace
+}  // namespace turntable
