@@ -245,6 +245,7 @@ int run_command(const RunArguments& a) {
   Rig rig = open_rig(rig_file, {a.configure, a.assume_mounted, a.wire_log, a.speed});
   fmt::print("devices:\n");
   print_list(rig.identities);
+  check_devices(rig, rig_file, plan);
   const RunFolder folder = RunFolder::create(root, plan);
   if (camera.loaded) write_atomically(folder.calibration(), calibration_to_json(*camera.loaded));
   fmt::print("run: {}\n", folder.root().string());

@@ -25,22 +25,6 @@ namespace fs = std::filesystem;
 
 constexpr std::chrono::seconds kStopTimeout{20};
 
-/// Calls f(Axis<Q>&) with the axis' own unit.
-template <class F>
-auto with_axis(const Rig& rig, AxisId id, F&& f) {
-  switch (id) {
-    case AxisId::kStage:
-      return f(*rig.stage);
-    case AxisId::kYaw:
-      return f(*rig.yaw);
-    case AxisId::kRoll:
-      return f(*rig.roll);
-    case AxisId::kPitch:
-      break;
-  }
-  return f(*rig.pitch);
-}
-
 AxisId axis_argument(const std::string& name) {
   for (const AxisId id : kAllAxes)
     if (axis_name(id) == name) return id;
@@ -103,8 +87,10 @@ int devices_command(const DevicesArguments& a) {
     std::string who;
     if (const auto holder = line_holder(line))
       who = "in use by " + holder->who;
-    else if (!a.listed_only)
+    else if (!a.listed_only) {
+      const RigLock lock(line, "devices");
       who = identify(clock, open);
+    }
     fmt::print("{:<20} {}{}{}\n", line, what, who.empty() ? "" : ": ", who);
     std::fflush(stdout);
   };
@@ -143,6 +129,7 @@ int status_command(const HandArguments& a) {
   for (const LineHolder& holder : holders)
     fmt::print("{} is in use by {}\n", holder.line, holder.who);
   if (!holders.empty()) return kDone;  // it would be in the way
+  const RigLock lock(file, "status");
   std::vector<std::string> differences;
   const Rig rig = open_axes(file, {false, false, a.wire_log, a.speed}, &differences);
   for (const std::string& identity : rig.identities) fmt::print("{}\n", identity);

@@ -24,6 +24,8 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 
+constexpr milliseconds kPatience{2000};
+
 class Descriptor {
  public:
   explicit Descriptor(int fd) : fd_(fd) {}
@@ -41,16 +43,20 @@ class Descriptor {
   int fd_;
 };
 
-/// What stands for a line, whichever way a rig file names it; empty for a simulated one.
+/// What stands for a serial port or "host:port", whichever way it is named.
+std::string line_id(const std::string& line) {
+  std::error_code error;
+  const auto real = std::filesystem::canonical(line, error);
+  return error ? line : real.string();
+}
+
+/// The same for a line of a rig file; empty for a simulated one.
 std::string line_id(const LineConfig& line) {
   switch (line.kind) {
     case LineConfig::Kind::kSimulated:
       return {};
-    case LineConfig::Kind::kSerial: {
-      std::error_code error;
-      const auto real = std::filesystem::canonical(line.serial_port, error);
-      return error ? line.serial_port : real.string();
-    }
+    case LineConfig::Kind::kSerial:
+      return line_id(line.serial_port);
     default:
       return fmt::format("{}:{}", line.host, line.tcp_port);
   }
@@ -113,9 +119,9 @@ std::string heard(int fd, milliseconds wait) {
 /// Answers at the names of the lines, on a thread of its own.
 class RigLock::Server {
  public:
-  Server(const RigFile& rig, std::string doing)
+  Server(const std::set<std::string>& ids, const std::string& doing)
       : who_(fmt::format("process {}: turntable {}, since {}", ::getpid(), doing, utc_now())) {
-    for (const std::string& id : line_ids(rig)) claim(id);
+    for (const std::string& id : ids) claim(id);
     if (!names_.empty()) thread_ = std::thread([this] { answer(); });
   }
   ~Server() {
@@ -127,8 +133,12 @@ class RigLock::Server {
   void claim(const std::string& id) {
     Descriptor fd = new_socket();
     const Address a = address_of(id);
-    if (::bind(fd.get(), reinterpret_cast<const sockaddr*>(&a.address), a.size) != 0 ||
-        ::listen(fd.get(), 8) != 0) {
+    const auto end = steady_clock::now() + kPatience;
+    while (::bind(fd.get(), reinterpret_cast<const sockaddr*>(&a.address), a.size) != 0) {
+      if (steady_clock::now() < end) {
+        std::this_thread::sleep_for(milliseconds{20});
+        continue;
+      }
       const auto holder = line_holder(id);
       throw DeviceError(
           fmt::format("{} is in use by {}. Only one program may move what is on it: wait for its "
@@ -136,6 +146,8 @@ class RigLock::Server {
                       "with \"turntable stop\".",
                       id, holder ? holder->who : "another process"));
     }
+    if (::listen(fd.get(), 8) != 0)
+      throw DeviceError(fmt::format("{} cannot be claimed: {}", id, std::strerror(errno)));
     names_.push_back(std::move(fd));
   }
 
@@ -163,15 +175,15 @@ class RigLock::Server {
   std::thread thread_;
 };
 
-RigLock::RigLock(const RigFile& rig, std::string doing)
-    : server_(std::make_unique<Server>(rig, std::move(doing))) {}
+RigLock::RigLock(const RigFile& rig, const std::string& doing)
+    : server_(std::make_unique<Server>(line_ids(rig), doing)) {}
+RigLock::RigLock(const std::string& line, const std::string& doing)
+    : server_(std::make_unique<Server>(std::set{line_id(line)}, doing)) {}
 RigLock::~RigLock() = default;
 RigLock::RigLock(RigLock&&) noexcept = default;
 
 std::optional<LineHolder> line_holder(const std::string& line) {
-  std::error_code error;
-  const auto real = std::filesystem::canonical(line, error);
-  const std::string id = error ? line : real.string();
+  const std::string id = line_id(line);
   const Descriptor fd = call(id, "who\n");
   if (fd.get() < 0) return std::nullopt;
   const std::string who = heard(fd.get(), milliseconds{1000});

@@ -1,4 +1,4 @@
-// One mover per line. A rig's real lines are claimed by names that the kernel keeps for as long as
+// One program per line. A rig's real lines are claimed by names that the kernel keeps for as long as
 // the process lives (abstract sockets): a crash, kill -9 included, leaves nothing behind. Whoever
 // asks at such a name is told who is there, and may order a stop: it works while another process
 // runs a campaign on the rig, for every user of the machine.
@@ -18,9 +18,12 @@ class RigLock {
  public:
   /// Claims every serial and TCP line of the rig (none on a simulated rig). While it lives, a stop
   /// ordered by another process acts like SIGTERM: the axes are stopped at once.
+  /// Waits for two seconds for somebody who only asks, then gives up.
   /// @param doing for the others: "run scenarios/quick.json".
   /// @throws DeviceError naming who has a line. Nothing has been opened then.
-  RigLock(const RigFile& rig, std::string doing);
+  RigLock(const RigFile& rig, const std::string& doing);
+  /// The same for one serial port or "host:port".
+  RigLock(const std::string& line, const std::string& doing);
   ~RigLock();
   RigLock(RigLock&&) noexcept;
 

@@ -29,22 +29,6 @@ double wall_s() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-/// Calls f(Axis<Q>&) with the axis' own unit.
-template <class F>
-auto with_axis(const Rig& rig, AxisId id, F&& f) {
-  switch (id) {
-    case AxisId::kStage:
-      return f(*rig.stage);
-    case AxisId::kYaw:
-      return f(*rig.yaw);
-    case AxisId::kRoll:
-      return f(*rig.roll);
-    case AxisId::kPitch:
-      break;
-  }
-  return f(*rig.pitch);
-}
-
 template <class Q>
 Q quantity(const Axis<Q>&, double value) {
   return Q{value};
@@ -87,7 +71,6 @@ class Acquisition {
     return summary_;
   }
 
- private:
   /// The devices have the last word on limits and images, and have it before anything moves.
   void check_devices() const {
     check_size(rig_.camera->image_size());
@@ -103,6 +86,7 @@ class Acquisition {
       for (const AxisId id : kAllAxes) check(id, pose.target(id));
   }
 
+ private:
   void check_size(ImageSize found) const {
     const ImageSize allowed = rig_file_.camera.image_size;
     if (found != allowed)
@@ -346,6 +330,12 @@ AcquireSummary acquire(Rig& rig, const RigFile& rig_file, const Plan& plan, cons
                        const Json& provenance, const AcquireOptions& options,
                        const std::function<void(const Progress&)>& progress) {
   return Acquisition(rig, rig_file, plan, options, progress).run(folder, provenance);
+}
+
+void check_devices(Rig& rig, const RigFile& rig_file, const Plan& plan) {
+  const AcquireOptions options;
+  const std::function<void(const Progress&)> progress;
+  Acquisition(rig, rig_file, plan, options, progress).check_devices();
 }
 
 }  // namespace turntable

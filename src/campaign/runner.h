@@ -41,6 +41,10 @@ struct AcquireSummary {
   double wall_s = 0.0;
 };
 
+/// Asks the devices themselves whether they can carry the whole plan out: limits, image size, images
+/// taken earlier. Nothing moves. @throws LimitError, DeviceError, ConfigError.
+void check_devices(Rig& rig, const RigFile& rig_file, const Plan& plan);
+
 /// The plan must have passed `check_plan`; every target is checked again by the axes themselves,
 /// and every exposure by the camera, before the first move. `provenance` goes into the start document as it is. Whatever ends the
 /// run, all axes are stopped and the journal's stop document says why; poses already taken are

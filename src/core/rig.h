@@ -46,4 +46,20 @@ struct Rig {
   }
 };
 
+/// Calls f(Axis<Q>&) with the axis' own unit.
+template <class F>
+auto with_axis(const Rig& rig, AxisId id, F&& f) {
+  switch (id) {
+    case AxisId::kStage:
+      return f(*rig.stage);
+    case AxisId::kYaw:
+      return f(*rig.yaw);
+    case AxisId::kRoll:
+      return f(*rig.roll);
+    case AxisId::kPitch:
+      break;
+  }
+  return f(*rig.pitch);
+}
+
 }  // namespace turntable

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <thread>
 
+#include "drivers/motion.h"
 #include "drivers/sim/serve.h"
 #include "protocols/serial.h"
 #include "src/core/interrupt.h"

@@ -288,7 +288,7 @@ TEST_F(Zc300Bytes, AsksAgainForAStatusThatCannotBe) {
   ready();
   peer.words[30013] = 7;
   EXPECT_THROW(yaw().position(), ProtocolError);
-  EXPECT_EQ(peer.heard.size(), 3u);
+  EXPECT_EQ(peer.heard.size(), 4u);  // three, and one for each channel
   peer.words[30013] = 0;
   peer.put(30018, NAN);
   EXPECT_THROW(yaw().position(), ProtocolError);
@@ -519,7 +519,7 @@ TEST_F(ZolixZc300, WaitsForTheHomingOfAnotherAxis) {
   SimulatedZc300 rig({.truth = {{AxisId::kRoll, {.home_offset = 20}}}, .config = quick});
   rig.ready();
   // Nobody waits for this homing any more, but it goes on.
-  rig.fault({.kind = sim::FaultKind::kSilence, .verb = "status", .nth = 5, .times = 3});
+  rig.fault({.kind = sim::FaultKind::kSilence, .verb = "status", .nth = 5, .times = 6});
   EXPECT_THROW(rig.roll().home(), TimeoutError);
   const auto end = rig.simulator->axis(AxisId::kRoll).ends_at();
   ASSERT_TRUE(end);

@@ -3,8 +3,11 @@
 // the axes stand; no motion command went out twice; no axis passed a limit.
 #pragma once
 
+#include <fmt/format.h>
+
 #include <cmath>
 #include <filesystem>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 #include <vector>
