@@ -173,6 +173,26 @@ void AxisController::pulse_output(const std::string& name) {
   switched(false);
 }
 
+char AxisController::letter(const Channel& channel) {
+  const char c = channel.config.channel.front();
+  return c >= 'a' && c <= 'z' ? static_cast<char>(c - 'a' + 'A') : c;
+}
+
+void AxisController::require_letters(std::string_view letters) const {
+  for (const Channel& channel : channels_) {
+    const std::string pointer = fmt::format("/axes/{}/channel", axis_name(channel.config.id));
+    if (channel.config.channel.size() != 1 || letters.find(letter(channel)) == letters.npos)
+      throw ConfigError("rig", pointer,
+                        fmt::format("found \"{}\", allowed on {}: {}.", channel.config.channel,
+                                    config_.model, fmt::join(letters, ", ")));
+    for (const Channel& other : channels_)
+      if (other.index < channel.index && letter(other) == letter(channel))
+        throw ConfigError("rig", pointer,
+                          fmt::format("channel {} is already taken by {}.", channel.config.channel,
+                                      axis_name(other.config.id)));
+  }
+}
+
 void AxisController::require_outputs(bool as_text) const {
   for (const OutputConfig& output : config_.outputs)
     if (output.register_at.has_value() == as_text)

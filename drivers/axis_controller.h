@@ -9,6 +9,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "drivers/controller.h"
@@ -85,6 +86,10 @@ class AxisController : public Controller {
   /// "yaw: SetSpeed? Y: wanted 25, found 20"
   static std::string difference(const Channel& channel, const std::string& what,
                                 const std::string& wanted, const std::string& found);
+  /// The channel's letter, upper case. @throws ConfigError unless every channel is one of `letters`
+  /// (any case) and none is given twice: `require_letters`.
+  static char letter(const Channel& channel);
+  void require_letters(std::string_view letters) const;
   /// @throws ConfigError if an output of the rig file is not of the kind the controller understands.
   void require_outputs(bool as_text) const;
   /// Reads, and writes of settings, may be said again after silence or noise; motion commands never

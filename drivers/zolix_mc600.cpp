@@ -20,12 +20,6 @@ constexpr Time kResync = milliseconds{300};
 constexpr Time kIdentify = milliseconds{200};
 constexpr std::string_view kChannels = "XYZT";
 
-std::string upper(std::string_view text) {
-  std::string s(text);
-  for (char& c : s) c = c >= 'a' && c <= 'z' ? static_cast<char>(c - 'a' + 'A') : c;
-  return s;
-}
-
 /// As the controller's own examples show numbers: plain decimals, as few as needed, five at most.
 std::string number(double value) {
   std::string s = fmt::format("{:.5f}", value);
@@ -78,7 +72,6 @@ class Mc600 final : public AxisController {
     std::string value;
   };
 
-  static char letter(const Channel& channel) { return upper(channel.config.channel)[0]; }
   bool take_completion(std::string_view line);
   [[noreturn]] static void refused(const std::string& who, const std::string& command,
                                    std::string_view reply);
@@ -97,18 +90,8 @@ Mc600::Mc600(ControllerSetup setup)
       dialog_(std::move(setup.line), clock(),
               [this](std::string_view line) { return take_completion(line); }),
       ended_(channels().size()) {
+  require_letters(kChannels);
   require_outputs(true);
-  for (const Channel& channel : channels()) {
-    if (channel.config.channel.size() != 1 || kChannels.find(letter(channel)) == kChannels.npos)
-      throw ConfigError("rig", fmt::format("/axes/{}/channel", axis_name(channel.config.id)),
-                        fmt::format("found \"{}\", allowed on {}: X, Y, Z, T.",
-                                    channel.config.channel, config().model));
-    for (const Channel& other : channels())
-      if (other.index < channel.index && letter(other) == letter(channel))
-        throw ConfigError("rig", fmt::format("/axes/{}/channel", axis_name(channel.config.id)),
-                          fmt::format("channel {} is already taken by {}.", channel.config.channel,
-                                      axis_name(other.config.id)));
-  }
 }
 
 /// "X 12.345,OK", sent by the controller itself when a motion has ended.

@@ -28,12 +28,6 @@ constexpr double kRoom_s = 0.5;  // beside the motion itself, until its end is o
 constexpr std::string_view kChannels = "XYZ";
 constexpr std::string_view kType = "SC300";
 
-std::string upper(std::string_view text) {
-  std::string s(text);
-  for (char& c : s) c = c >= 'a' && c <= 'z' ? static_cast<char>(c - 'a' + 'A') : c;
-  return s;
-}
-
 std::optional<std::int64_t> whole(std::string_view text) {
   if (text.starts_with('+')) text.remove_prefix(1);
   std::int64_t value = 0;
@@ -127,7 +121,6 @@ class Sc300 final : public AxisController {
     std::int64_t value;  ///< pulses/s, pulses/s^2
   };
 
-  static char letter(const Channel& channel) { return upper(channel.config.channel)[0]; }
   State& state(const Channel& channel) { return states_[channel.index]; }
   static std::vector<Setting> settings(const Channel& channel);
   std::string who() const { return fmt::format("controller {} on {}", config().name, line_name()); }
@@ -160,18 +153,8 @@ Sc300::Sc300(ControllerSetup setup)
       dialog_(std::move(setup.line), clock(),
               [this](std::string_view line) { return take_line(line); }),
       states_(channels().size()) {
+  require_letters(kChannels);
   require_outputs(true);
-  for (const Channel& channel : channels()) {
-    if (channel.config.channel.size() != 1 || kChannels.find(letter(channel)) == kChannels.npos)
-      throw ConfigError("rig", fmt::format("/axes/{}/channel", axis_name(channel.config.id)),
-                        fmt::format("found \"{}\", allowed on {}: X, Y, Z.", channel.config.channel,
-                                    config().model));
-    for (const Channel& other : channels())
-      if (other.index < channel.index && letter(other) == letter(channel))
-        throw ConfigError("rig", fmt::format("/axes/{}/channel", axis_name(channel.config.id)),
-                          fmt::format("channel {} is already taken by {}.", channel.config.channel,
-                                      axis_name(other.config.id)));
-  }
 }
 
 // ---- lines, and whose they are

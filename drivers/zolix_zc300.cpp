@@ -128,7 +128,7 @@ class Zc300 final : public AxisController {
   };
 
   static std::size_t number_of(const Channel& channel) {
-    return static_cast<std::size_t>((channel.config.channel[0] & ~0x20) - 'X');
+    return static_cast<std::size_t>(letter(channel) - 'X');
   }
   static std::uint16_t code_of(const Channel& channel) {
     return static_cast<std::uint16_t>(0x31 + number_of(channel));
@@ -166,21 +166,8 @@ Zc300::Zc300(ControllerSetup setup)
                                                                  : ModbusMaster::Framing::kRtu,
               reply_timeout(), [this] { return gives_way(); }),
       known_(channels().size()) {
+  require_letters("XYZ");
   require_outputs(false);
-  for (const Channel& channel : channels()) {
-    const std::string pointer = fmt::format("/axes/{}/channel", axis_name(channel.config.id));
-    constexpr std::string_view kLetters = "XYZxyz";
-    if (channel.config.channel.size() != 1 ||
-        kLetters.find(channel.config.channel[0]) == kLetters.npos)
-      throw ConfigError("rig", pointer,
-                        fmt::format("found \"{}\", allowed on {}: X, Y, Z.", channel.config.channel,
-                                    config().model));
-    for (const Channel& other : channels())
-      if (other.index < channel.index && number_of(other) == number_of(channel))
-        throw ConfigError("rig", pointer,
-                          fmt::format("channel {} is already taken by {}.", channel.config.channel,
-                                      axis_name(other.config.id)));
-  }
 }
 
 // ---- exchanges

@@ -27,6 +27,12 @@ std::string printable(std::string_view text) {
 
 }  // namespace
 
+std::string upper(std::string_view text) {
+  std::string s(text);
+  for (char& c : s) c = c >= 'a' && c <= 'z' ? static_cast<char>(c - 'a' + 'A') : c;
+  return s;
+}
+
 AsciiDialog::AsciiDialog(Line line, Clock& clock, Predicate unsolicited)
     : line_(std::move(line)), clock_(&clock), unsolicited_(std::move(unsolicited)) {}
 

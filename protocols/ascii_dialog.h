@@ -11,6 +11,9 @@
 
 namespace turntable {
 
+/// The same text with its ASCII letters in upper case.
+std::string upper(std::string_view text);
+
 class AsciiDialog {
  public:
   using Predicate = std::function<bool(std::string_view line)>;

@@ -9,6 +9,7 @@
 
 #include "drivers/motion.h"
 #include "src/core/errors.h"
+#include "tests/support/message_of.h"
 #include "tests/support/simulated_controller.h"
 
 namespace turntable {
@@ -52,20 +53,6 @@ class EveryController : public ::testing::TestWithParam<Law> {
   }
   const std::string& model() const { return GetParam().controller.model; }
 };
-
-template <class E, class F>
-std::string message_of(F&& action) {
-  try {
-    action();
-  } catch (const E& error) {
-    return error.what();
-  } catch (const std::exception& error) {
-    ADD_FAILURE() << "another kind of error: " << error.what();
-    return {};
-  }
-  ADD_FAILURE() << "nothing was thrown";
-  return {};
-}
 
 // ---- nothing wrong
 

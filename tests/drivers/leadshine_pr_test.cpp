@@ -11,6 +11,7 @@
 
 #include "drivers/motion.h"
 #include "src/core/errors.h"
+#include "tests/support/message_of.h"
 #include "tests/support/simulated_leadshine.h"
 
 namespace turntable {
@@ -20,20 +21,6 @@ using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
-
-template <class E, class F>
-std::string message_of(F&& action) {
-  try {
-    action();
-  } catch (const E& error) {
-    return error.what();
-  } catch (const std::exception& error) {
-    ADD_FAILURE() << "another kind of error: " << error.what();
-    return {};
-  }
-  ADD_FAILURE() << "nothing was thrown";
-  return {};
-}
 
 std::string hex_of(std::string_view bytes) {
   std::string hex;

@@ -10,6 +10,7 @@
 #include "drivers/motion.h"
 #include "src/core/errors.h"
 #include "src/core/interrupt.h"
+#include "tests/support/message_of.h"
 #include "tests/support/simulated_mc600.h"
 
 namespace turntable {
@@ -18,20 +19,6 @@ namespace {
 using std::chrono::milliseconds;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
-
-template <class E, class F>
-std::string message_of(F&& action) {
-  try {
-    action();
-  } catch (const E& error) {
-    return error.what();
-  } catch (const std::exception& error) {
-    ADD_FAILURE() << "another kind of error: " << error.what();
-    return {};
-  }
-  ADD_FAILURE() << "nothing was thrown";
-  return {};
-}
 
 // ---- bytes
 
@@ -111,15 +98,15 @@ class DriverBytes : public ::testing::Test {
 
 TEST_F(DriverBytes, ConnectingAsksAndChangesNothing) {
   EXPECT_THAT(controller->connect(), ElementsAre());
-  EXPECT_THAT(
-      peer.heard,
-      ElementsAre("Hello\r", "SetStageStyle? X\r", "SetUnit? X\r", "SetStageStepsRev? X\r",
-                  "SetStageDriveRat? X\r", "SetInitSpeed? X\r", "SetSpeed? X\r", "SetAccSpeed? X\r",
-                  "SetHomeSpeed? X\r", "SetUserPositiveLimit? X\r", "SetUserNegativeLimit? X\r", "SetUserLimitAble? X\r",
-                  "SetStageStyle? T\r", "SetUnit? T\r", "SetStageStepsRev? T\r",
-                  "SetStagePitch? T\r", "SetInitSpeed? T\r", "SetSpeed? T\r", "SetAccSpeed? T\r",
-                  "SetHomeSpeed? T\r", "SetUserPositiveLimit? T\r", "SetUserNegativeLimit? T\r",
-                  "SetUserLimitAble? T\r"));
+  EXPECT_THAT(peer.heard,
+              ElementsAre("Hello\r", "SetStageStyle? X\r", "SetUnit? X\r", "SetStageStepsRev? X\r",
+                          "SetStageDriveRat? X\r", "SetInitSpeed? X\r", "SetSpeed? X\r",
+                          "SetAccSpeed? X\r", "SetHomeSpeed? X\r", "SetUserPositiveLimit? X\r",
+                          "SetUserNegativeLimit? X\r", "SetUserLimitAble? X\r",
+                          "SetStageStyle? T\r", "SetUnit? T\r", "SetStageStepsRev? T\r",
+                          "SetStagePitch? T\r", "SetInitSpeed? T\r", "SetSpeed? T\r",
+                          "SetAccSpeed? T\r", "SetHomeSpeed? T\r", "SetUserPositiveLimit? T\r",
+                          "SetUserNegativeLimit? T\r", "SetUserLimitAble? T\r"));
 }
 
 TEST_F(DriverBytes, ConfiguringWritesTheSetUpAndReadsItBack) {
@@ -130,10 +117,10 @@ TEST_F(DriverBytes, ConfiguringWritesTheSetUpAndReadsItBack) {
       ElementsAre("SetStageStyle X,R\r", "SetUnit X,d\r", "SetStageStepsRev X,1600\r",
                   "SetStageDriveRat X,180\r", "SetInitSpeed X,1\r", "SetSpeed X,25\r",
                   "SetAccSpeed X,50\r", "SetHomeSpeed X,5\r", "SetUserPositiveLimit X,30\r",
-                  "SetUserNegativeLimit X,-30\r", "SetUserLimitAble X,E\r",
-                  "SetStageStyle T,T\r", "SetUnit T,m\r", "SetStageStepsRev T,1600\r",
-                  "SetStagePitch T,4\r", "SetInitSpeed T,1\r", "SetSpeed T,20\r",
-                  "SetAccSpeed T,50\r", "SetHomeSpeed T,5\r", "SetUserPositiveLimit T,201\r",
+                  "SetUserNegativeLimit X,-30\r", "SetUserLimitAble X,E\r", "SetStageStyle T,T\r",
+                  "SetUnit T,m\r", "SetStageStepsRev T,1600\r", "SetStagePitch T,4\r",
+                  "SetInitSpeed T,1\r", "SetSpeed T,20\r", "SetAccSpeed T,50\r",
+                  "SetHomeSpeed T,5\r", "SetUserPositiveLimit T,201\r",
                   "SetUserNegativeLimit T,-1\r", "SetUserLimitAble T,E\r"));
 }
 

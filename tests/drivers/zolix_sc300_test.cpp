@@ -10,6 +10,7 @@
 
 #include "drivers/motion.h"
 #include "src/core/errors.h"
+#include "tests/support/message_of.h"
 #include "tests/support/simulated_sc300.h"
 
 namespace turntable {
@@ -19,20 +20,6 @@ using sim::FaultKind;
 using std::chrono::milliseconds;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
-
-template <class E, class F>
-std::string message_of(F&& action) {
-  try {
-    action();
-  } catch (const E& error) {
-    return error.what();
-  } catch (const std::exception& error) {
-    ADD_FAILURE() << "another kind of error: " << error.what();
-    return {};
-  }
-  ADD_FAILURE() << "nothing was thrown";
-  return {};
-}
 
 // ---- bytes
 

@@ -12,6 +12,7 @@
 #include "drivers/sim/modbus_framer.h"
 #include "src/core/errors.h"
 #include "tests/support/hex.h"
+#include "tests/support/message_of.h"
 #include "tests/support/simulated_zc300.h"
 
 namespace turntable {
@@ -21,20 +22,6 @@ using std::chrono::milliseconds;
 using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
-
-template <class E, class F>
-std::string message_of(F&& action) {
-  try {
-    action();
-  } catch (const E& error) {
-    return error.what();
-  } catch (const std::exception& error) {
-    ADD_FAILURE() << "another kind of error: " << error.what();
-    return {};
-  }
-  ADD_FAILURE() << "nothing was thrown";
-  return {};
-}
 
 // ---- bytes
 
