@@ -5,6 +5,8 @@
 
 #include <algorithm>
 
+#include "src/core/interrupt.h"
+
 namespace turntable {
 namespace {
 
@@ -17,6 +19,7 @@ class AxisController::Port {
  public:
   virtual ~Port() = default;
   virtual void trust_reference() = 0;
+  virtual void forbid() = 0;
   virtual void begin_stop() = 0;
   virtual void finish_stop() = 0;
 };
@@ -33,6 +36,7 @@ class AxisController::ChannelAxis final : public Port, public AxisPort<Q> {
 
   Axis<Q>* axis() { return &axis_; }
   void trust_reference() override { axis_.trust_reference(); }
+  void forbid() override { axis_.forbid(); }
   void begin_stop() override { axis_.begin_stop(); }
   void finish_stop() override { axis_.finish_stop(); }
 
@@ -168,8 +172,17 @@ void AxisController::pulse_output(const std::string& name) {
     const auto guard = lock();
     switch_output(*output, on);
   };
-  switched(true);
-  clock_->sleep_for(from_seconds(output->pulse_s));
+  try {
+    switched(true);
+    clock_->sleep_for(from_seconds(output->pulse_s));
+  } catch (...) {  // whatever ends it, the output does not stay on
+    const InterruptShield shield;
+    try {
+      switched(false);
+    } catch (const Error&) {  // the first error says more
+    }
+    throw;
+  }
   switched(false);
 }
 
@@ -218,18 +231,36 @@ void AxisController::stop_channel(const Channel& channel, bool immediate) {
   send_stop(channel, immediate);
 }
 
-void AxisController::stop_all() {
-  std::exception_ptr first;
-  const auto tried = [&](auto&& action) {
-    try {
-      action();
-    } catch (...) {
-      if (!first) first = std::current_exception();
+void AxisController::forbid_all() {
+  for (const auto& port : ports_) port->forbid();
+}
+
+/// Every axis is told before any is told again: a drive that does not answer must not keep the
+/// others waiting.
+void AxisController::begin_stop_all() {
+  std::vector<Port*> again;
+  once_ = true;
+  for (const auto& port : ports_) try {
+      port->begin_stop();
+    } catch (const Error&) {
+      again.push_back(port.get());
     }
-  };
-  for (const auto& port : ports_) tried([&] { port->begin_stop(); });
+  once_ = false;
+  Attempts tried;
+  for (Port* port : again) tried([&] { port->begin_stop(); });
+  tried.rethrow();
+}
+
+void AxisController::finish_stop_all() {
+  Attempts tried;
   for (const auto& port : ports_) tried([&] { port->finish_stop(); });
-  if (first) std::rethrow_exception(first);
+  tried.rethrow();
+}
+
+void AxisController::require_no_stop(const Channel& channel) const {
+  if (gives_way())
+    throw GaveWay(
+        fmt::format("{}: a motion gave way to a stop. Nothing was sent.", where(channel)));
 }
 
 }  // namespace turntable

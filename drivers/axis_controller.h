@@ -28,7 +28,9 @@ class AxisController : public Controller {
   Axis<Degrees>* rotary_axis(AxisId id) final;
   void trust_reference(AxisId id) final;
   void pulse_output(const std::string& name) final;
-  void stop_all() final;
+  void forbid_all() final;
+  void begin_stop_all() final;
+  void finish_stop_all() final;
 
   /// One axis of the controller as a driver sees it.
   struct Channel {
@@ -81,6 +83,9 @@ class AxisController : public Controller {
   std::unique_lock<std::recursive_mutex> lock() const { return std::unique_lock(mutex_); }
   /// True if an exchange should end its waiting because a stop waits for the line.
   bool gives_way() const { return stops_waiting_ > 0 && !stopping_; }
+  /// The last thing before the bytes of a motion: what went before may have taken its time.
+  /// @throws GaveWay if a stop waits.
+  void require_no_stop(const Channel& channel) const;
   /// "axis yaw (channel Y of mc1 on /dev/ttyUSB0)"
   std::string where(const Channel& channel) const;
   /// "yaw: SetSpeed? Y: wanted 25, found 20"
@@ -96,13 +101,16 @@ class AxisController : public Controller {
   /// come here.
   template <class F>
   auto retried(Time deadline, F&& exchange) {
+    const int most = once_ ? 1 : attempts();
     for (int attempt = 1;; ++attempt) {
       try {
         return exchange();
+      } catch (const GaveWay&) {
+        throw;
       } catch (const TimeoutError&) {
-        if (attempt == attempts() || clock_->now() >= deadline) throw;
+        if (attempt == most || clock_->now() >= deadline) throw;
       } catch (const ProtocolError&) {
-        if (attempt == attempts() || clock_->now() >= deadline) throw;
+        if (attempt == most || clock_->now() >= deadline) throw;
       }
     }
   }
@@ -123,6 +131,7 @@ class AxisController : public Controller {
   mutable std::recursive_mutex mutex_;        ///< the line, and all that is below
   std::atomic<int> stops_waiting_{0};
   std::atomic<bool> stopping_{false};
+  std::atomic<bool> once_{false};  ///< several axes are being stopped: nobody is asked twice yet
   bool connected_ = false;
   std::string details_;
   std::vector<std::string> differences_;

@@ -7,6 +7,7 @@
 #include <atomic>
 #include <chrono>
 #include <cmath>
+#include <fstream>
 #include <optional>
 #include <type_traits>
 
@@ -551,8 +552,20 @@ class GigeCamera::Impl {
   std::string incomplete(int frames, ArvBufferStatus status) const {
     return fmt::format(
         "camera {}: {} frame{} of this trigger came incomplete ({}). Check cable and network "
-        "load, or lower packet_bytes. {}",
-        name_, frames, frames == 1 ? "" : "s", status_name(status), losses());
+        "load, or lower packet_bytes{}. {}",
+        name_, frames, frames == 1 ? "" : "s", status_name(status), buffer_advice(), losses());
+  }
+
+  /// A burst of packets that no socket buffer holds is lost before anybody reads it.
+  std::string buffer_advice() const {
+    const std::size_t frame = static_cast<std::size_t>(config_.image_size.width) *
+                              static_cast<std::size_t>(config_.image_size.height);
+    std::size_t most = 0;
+    if (!(std::ifstream("/proc/sys/net/core/rmem_max") >> most) || most >= 2 * frame) return {};
+    return fmt::format(
+        "; the system lets a socket buffer {} bytes and a frame has {}: allow more with "
+        "\"sysctl -w net.core.rmem_max={}\"",
+        most, frame, 4 * frame);
   }
 
   CameraSetup setup_;

@@ -15,6 +15,7 @@
 #include <optional>
 
 #include "src/core/errors.h"
+#include "src/core/interrupt.h"
 
 namespace turntable {
 namespace {
@@ -85,7 +86,15 @@ class UsbCamera final : public Camera {
     frame.timestamp = clock_->now();
     cv::Mat pixels;
     try {
-      const auto grab = [this] {
+      const Time give_up = wall_.now() + from_seconds(config_.frame_timeout_s);
+      const auto grab = [&] {
+        throw_if_stopping_now();
+        if (is_device_ && wall_.now() > give_up)
+          throw TimeoutError(
+              fmt::format("camera: {} gives no frame of after the trigger within {:g} s. Raise "
+                          "frame_timeout_ms "
+                          "or the frame rate.",
+                          name_, config_.frame_timeout_s));
         const bool came = capture_.grab();
         grabbed_ += came ? 1 : 0;
         return came;

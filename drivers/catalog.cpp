@@ -20,11 +20,12 @@ namespace turntable {
 namespace {
 
 constexpr ControllerModel kControllers[] = {
-    // model        baud   reply modbus opens             identifies
-    {"zolix-mc600", 19200, 1.0, false, open_zolix_mc600, identify_zolix_mc600},
-    {"zolix-zc300", 115200, 0.2, true, open_zolix_zc300, identify_zolix_zc300},
-    {"zolix-sc300", 19200, 1.0, false, open_zolix_sc300, identify_zolix_sc300},
-    {"leadshine-pr", 38400, 0.3, true, open_leadshine_pr, identify_leadshine_pr},
+    // model         baud    reply modbus key of its own          opens              identifies
+    {"zolix-mc600", 19200, 1.0, false, "", open_zolix_mc600, identify_zolix_mc600},
+    {"zolix-zc300", 115200, 0.2, true, "address", open_zolix_zc300, identify_zolix_zc300},
+    {"zolix-sc300", 19200, 1.0, false, "answers_while_moving", open_zolix_sc300,
+     identify_zolix_sc300},
+    {"leadshine-pr", 38400, 0.3, true, "", open_leadshine_pr, identify_leadshine_pr},
 };
 
 std::vector<std::string> list_gige_cameras() {
@@ -72,6 +73,15 @@ const ControllerModel& model_of(const ControllerConfig& controller) {
 bool speaks_modbus(const ControllerConfig& controller) { return model_of(controller).modbus; }
 
 void check_controller(const ControllerConfig& controller) {
+  const std::string_view own_key = model_of(controller).own_key;
+  const auto only_if_own = [&](std::string_view key, bool stated) {
+    if (stated && key != own_key)
+      throw ConfigError("rig", fmt::format("/controllers/{}/{}", controller.name, key),
+                        fmt::format("found with model \"{}\", which does not use it. Remove it.",
+                                    controller.model));
+  };
+  only_if_own("address", controller.address != 1);
+  only_if_own("answers_while_moving", !controller.answers_while_moving);
   if (controller.line.kind == LineConfig::Kind::kModbusTcp && !speaks_modbus(controller))
     throw ConfigError("rig", fmt::format("/controllers/{}/line/modbus_tcp", controller.name),
                       fmt::format("{} does not speak Modbus. A serial server is a \"tcp\" line.",
@@ -102,6 +112,8 @@ std::string identify(Clock& clock, const std::function<Line(const ControllerMode
     try {
       if (const std::string who = model.identify(open(model), clock); !who.empty())
         return fmt::format("{} ({})", who, model.model);
+    } catch (const Interrupted&) {
+      throw;
     } catch (const Error& e) {
       return e.what();
     }

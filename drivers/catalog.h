@@ -17,8 +17,9 @@ namespace turntable {
 struct ControllerModel {
   std::string_view model;
   int default_baud;
-  double reply_timeout_s;  ///< that the rig file need not state
-  bool modbus;             ///< so that it can stand behind a Modbus gateway
+  double reply_timeout_s;    ///< that the rig file need not state
+  bool modbus;               ///< so that it can stand behind a Modbus gateway
+  std::string_view own_key;  ///< of the optional keys of the rig file, the one that it looks at
   std::unique_ptr<Controller> (*open)(ControllerSetup);  ///< talks to nobody yet
   /// Asks who is there, by queries alone; empty if it is another model, or nobody.
   std::string (*identify)(Line, Clock&);
@@ -29,8 +30,8 @@ std::span<const ControllerModel> controller_models();
 /// @throws ConfigError for an unknown model.
 bool speaks_modbus(const ControllerConfig& controller);
 
-/// @throws ConfigError for an unknown model, or a Modbus gateway before a controller that does not
-/// speak Modbus.
+/// @throws ConfigError for an unknown model, a Modbus gateway before a controller that does not
+/// speak Modbus, or a key that the model does not use.
 void check_controller(const ControllerConfig& controller);
 
 /// @throws ConfigError for an unknown model or channel.

@@ -1,6 +1,7 @@
 // A motion controller: one line, one or more axes.
 #pragma once
 
+#include <exception>
 #include <string>
 #include <vector>
 
@@ -34,10 +35,41 @@ class Controller {
   /// Switches a digital output of the rig file on and, after its pulse, off again.
   /// @throws ConfigError if there is no such output, DeviceError if the controller refuses.
   virtual void pulse_output(const std::string& name) = 0;
-  /// Stops every axis, all commands first, then verifies. Any thread, any state. The first error is
-  /// thrown after all have been tried.
-  virtual void stop_all() = 0;
+  /// Stops every axis: forbids all motion, sends all commands, then verifies. Any thread, any state.
+  /// The first error is thrown after all have been tried.
+  void stop_all();
+  /// The three parts of it, for a rig of several controllers: from the first on nothing starts.
+  virtual void forbid_all() = 0;
+  virtual void begin_stop_all() = 0;
+  virtual void finish_stop_all() = 0;
 };
+
+/// Tries all of several things, and throws the first error afterwards.
+class Attempts {
+ public:
+  template <class F>
+  void operator()(F&& action) {
+    try {
+      action();
+    } catch (...) {
+      if (!first_) first_ = std::current_exception();
+    }
+  }
+  void rethrow() const {
+    if (first_) std::rethrow_exception(first_);
+  }
+
+ private:
+  std::exception_ptr first_;
+};
+
+inline void Controller::stop_all() {
+  Attempts tried;
+  forbid_all();
+  tried([&] { begin_stop_all(); });
+  tried([&] { finish_stop_all(); });
+  tried.rethrow();
+}
 
 /// What a controller is opened with.
 struct ControllerSetup {

@@ -347,6 +347,7 @@ Acknowledgement LeadshinePr::start_move(const Channel& channel, Steps, Steps to)
                       "does not keep "
                       "what it is told, so nothing was moved. Check for another master on the bus.",
                       where(channel), kPath0 + i, block[i], kept[i]));
+  require_no_stop(channel);
   return trigger(channel, kRunPath0);
 }
 
@@ -356,6 +357,7 @@ Acknowledgement LeadshinePr::start_home(const Channel& channel) {
         "{} is not set up any more as it was, so it will not be moved:\n  {}\nIt may have been "
         "switched off and on since. Let it be configured from the rig file again.",
         where(channel), fmt::join(differences, "\n  ")));
+  require_no_stop(channel);
   Drive& d = drive(channel);
   d.homing = true;
   const Acknowledgement acknowledged = trigger(channel, kHome);
@@ -405,12 +407,13 @@ bool LeadshinePr::may_be_homed(const Channel& channel) {
 }
 
 void LeadshinePr::send_stop(const Channel& channel, bool immediate) {
-  if (immediate) try {
-      write(channel, kStopRamp, 0);
-    } catch (const Error&) {  // then it halts as slowly as before, but it is told to
-    }
-  write(channel, kTrigger, kStop);
-  if (immediate) write(channel, kStopRamp, drive(channel).ramp_ms);
+  const ModbusMaster::Urgent urgent(master_);
+  if (!immediate) return write(channel, kTrigger, kStop);
+  Attempts tried;
+  tried([&] { write(channel, kStopRamp, 0); });  // else it halts as slowly as before
+  tried([&] { write(channel, kTrigger, kStop); });
+  tried([&] { write(channel, kStopRamp, drive(channel).ramp_ms); });
+  tried.rethrow();
 }
 
 void LeadshinePr::switch_output(const OutputConfig& output, bool on) {

@@ -127,7 +127,7 @@ void MotionAxis<Q>::lose_reference() {
 }
 
 /// After any trouble nobody knows any more where the axis stands. A stop or an interrupt is no
-/// trouble, and neither is a read that gave way to a stop.
+/// trouble, and neither is an exchange that gave way to a stop.
 template <class Q>
 template <class F>
 auto MotionAxis<Q>::guarded(unsigned generation, F&& action) {
@@ -137,10 +137,11 @@ auto MotionAxis<Q>::guarded(unsigned generation, F&& action) {
     throw;
   } catch (const Interrupted&) {
     throw;
-  } catch (const TimeoutError&) {
+  } catch (const GaveWay& e) {  // to a stop of this axis, or of another one on the line
     throw_if_stopped(generation);
-    lose_reference();
-    throw;
+    const auto lock = port_->lock();
+    phase_ = Phase::kIdle;
+    throw Stopped(fmt::format("axis {}: {}", name_, e.what()));
   } catch (...) {
     lose_reference();
     throw;
@@ -165,7 +166,10 @@ template <class Q>
 AxisStatus<Q> MotionAxis<Q>::read_status() {
   const Time deadline = clock_->now() + from_seconds(3 * timing_.reply_timeout + timing_.margin);
   for (;;) {
-    if (auto status = port_->status(deadline); status.position) return status;
+    try {
+      if (auto status = port_->status(deadline); status.position) return status;
+    } catch (const GaveWay&) {
+    }
     if (clock_->now() >= deadline)
       throw TimeoutError(
           fmt::format("axis {}: the controller does not say where it stands", name_));
@@ -173,9 +177,21 @@ AxisStatus<Q> MotionAxis<Q>::read_status() {
   }
 }
 
+/// Whoever reads an emergency stop or an alarm, the reference is lost with it.
+template <class Q>
+AxisStatus<Q> MotionAxis<Q>::heeded_status() {
+  AxisStatus<Q> status = read_status();
+  if (!status.fault.empty()) {
+    const auto lock = port_->lock();
+    homed_ = false;
+    lost_because_ = status.fault;
+  }
+  return status;
+}
+
 template <class Q>
 Q MotionAxis<Q>::position() {
-  return guarded(stops_, [&] { return read_position(); });
+  return guarded(stops_, [&] { return *heeded_status().position; });
 }
 
 template <class Q>
@@ -198,28 +214,33 @@ void MotionAxis<Q>::start(Q target) {
   const unsigned generation = stops_;
   check(target);
   port_->require_ready();
-  if (!homed_)
-    throw DeviceError(
-        fmt::format("axis {}: not homed, so {} cannot be found. Home it first; a reference is lost "
-                    "by a power cycle, a "
-                    "timeout or any error while moving.",
-                    name_, shown(target)));
   {
     const auto lock = port_->lock();
+    if (!homed_)
+      throw DeviceError(fmt::format(
+          "axis {}: not homed{}, so {} cannot be found. Home it first; a reference is lost by a "
+          "power cycle, a timeout or any error while moving.",
+          name_, lost_because_.empty() ? "" : " (" + lost_because_ + ")", shown(target)));
     if (phase_ != Phase::kIdle && phase_ != Phase::kArrived)
       throw DeviceError(
           fmt::format("axis {}: asked for {} while still moving to {}. Wait or stop first.", name_,
                       shown(target), shown(move_.goal)));
   }
   guarded(generation, [&] {
-    AxisStatus<Q> status = read_status();
+    AxisStatus<Q> status = heeded_status();
     for (int i = 1; i < kOddReads && left_at_ && !within(*status.position, *left_at_); ++i) {
       clock_->sleep_for(from_seconds(timing_.poll));
-      status = read_status();
+      status = heeded_status();
     }
+    check_trouble(status, 0.0);
     const Q from = *status.position;
     const auto lock = port_->lock();
     throw_if_stopped(generation);
+    if ((phase_ != Phase::kIdle && phase_ != Phase::kArrived) || !homed_)
+      throw Stopped(
+          fmt::format("axis {}: asked for {}, but it is moved from elsewhere, or its reference was "
+                      "lost meanwhile. Nothing was sent.",
+                      name_, shown(target)));
     if (left_at_ && !within(from, *left_at_))
       throw DeviceError(
           fmt::format("axis {}: was left at {} and now stands at {} without having been asked: the "
@@ -320,7 +341,15 @@ bool MotionAxis<Q>::advance() {
       wait_for_turn();
       return false;
     }
-    const AxisStatus<Q> status = port_->status(deadline);
+    AxisStatus<Q> status;
+    try {
+      status = port_->status(deadline);
+    } catch (const GaveWay&) {  // to a stop of another axis, perhaps: the next poll will tell
+      throw_if_stopped(generation);
+      const auto lock = port_->lock();
+      next_poll_ = clock_->now() + from_seconds(timing_.poll);
+      return false;
+    }
     const auto lock = port_->lock();
     throw_if_stopped(generation);
     next_poll_ = clock_->now() + from_seconds(timing_.poll);
@@ -374,6 +403,19 @@ bool MotionAxis<Q>::carry_on(const AxisStatus<Q>& status) {
 template <class Q>
 double MotionAxis<Q>::slack() const {
   return std::max(10 * config_.tolerance, kSlackPulses * config_.per_step());
+}
+
+/// Whether the axis cannot have come there: it was reset, or moved by somebody else.
+template <class Q>
+bool MotionAxis<Q>::odd_place(Q position) const {
+  const auto off = [&](Q place) { return abs(position - place).value > slack(); };
+  if (phase_ == Phase::kMoving) {
+    const double gone = (position - move_.leg_start).value;
+    const double way = (move_.leg_goal - move_.leg_start).value;
+    return gone < std::min(way, 0.0) - slack() || gone > std::max(way, 0.0) + slack();
+  }
+  if (phase_ == Phase::kSettling) return off(move_.last_position);
+  return left_at_ && off(*left_at_);
 }
 
 /// Whether the move can have brought the axis there by now.
@@ -485,7 +527,7 @@ void MotionAxis<Q>::home() {
 
 template <class Q>
 void MotionAxis<Q>::find_home(unsigned generation) {
-  const AxisStatus<Q> before = read_status();
+  const AxisStatus<Q> before = heeded_status();
   check_trouble(before, 0.0);
   const Q start = *before.position;
   Q last = start;
@@ -512,7 +554,12 @@ void MotionAxis<Q>::find_home(unsigned generation) {
   for (;;) {
     clock_->sleep_for(from_seconds(timing_.poll));
     throw_if_stopped(generation);
-    const AxisStatus<Q> status = port_->status(deadline);
+    AxisStatus<Q> status;
+    try {
+      status = port_->status(deadline);
+    } catch (const GaveWay&) {
+      continue;
+    }
     const Time now = clock_->now();
     check_trouble(status, 0.0);
     if (status.position) {
@@ -550,6 +597,7 @@ void MotionAxis<Q>::find_home(unsigned generation) {
   throw_if_stopped(generation);
   phase_ = Phase::kIdle;
   left_at_ = last;
+  lost_because_.clear();
   homed_ = true;
 }
 
@@ -566,17 +614,27 @@ template <class Q>
 void MotionAxis<Q>::finish_stop() {
   const InterruptShield shield;
   guarded(stops_, [&] {
-    bool immediate = false;
-    Q last = read_position();
+    bool immediate = false, fault = false;
+    const auto read = [&] {
+      const AxisStatus<Q> status = heeded_status();
+      fault = fault || !status.fault.empty();
+      return status;
+    };
+    Q last = *read().position;
     Time since = clock_->now();
+    const double slowest = std::min({config_.initial_speed, config_.home_speed, config_.speed});
+    const Time halted =
+        from_seconds(std::max(kHalted_s, slowest > 0 ? 2 * config_.per_step() / slowest : 0.0));
     const auto time_to_halt = [&] {
-      return clock_->now() + from_seconds(config_.speed / config_.acceleration + timing_.margin);
+      return clock_->now() + from_seconds(1.2 * config_.speed / config_.acceleration +
+                                          3 * timing_.poll + timing_.reply_timeout);
     };
     Time deadline = time_to_halt();
-    while (clock_->now() - since < from_seconds(kHalted_s)) {
+    while (clock_->now() - since < halted) {
       clock_->sleep_for(from_seconds(kHaltPoll_s));
-      const Q here = read_position();
-      if (same_pulse(here, last)) continue;
+      const AxisStatus<Q> status = read();
+      const Q here = *status.position;
+      if (same_pulse(here, last) && status.motion != Motion::kMoving) continue;
       last = here;
       since = clock_->now();
       if (since <= deadline) continue;
@@ -589,7 +647,8 @@ void MotionAxis<Q>::finish_stop() {
       deadline = time_to_halt();
     }
     const auto lock = port_->lock();
-    if (phase_ == Phase::kHoming) homed_ = false;
+    // An open-loop axis that is halted without a ramp loses steps.
+    if (phase_ == Phase::kHoming || immediate || fault || odd_place(last)) homed_ = false;
     phase_ = Phase::kIdle;
     left_at_ = last;
     approach_known_ = false;

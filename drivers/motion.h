@@ -88,8 +88,9 @@ class MotionAxis final : public Axis<Q> {
   /// has gone wrong since.
   void trust_reference() { homed_ = true; }
 
-  /// The two halves of `stop`, for a controller that stops several axes: first forbid and send,
-  /// then verify.
+  /// The parts of `stop`, for a controller that stops several axes: forbid all, send all, verify all.
+  /// What was asked for before never starts after `forbid`.
+  void forbid() { ++stops_; }
   void begin_stop();
   void finish_stop();
 
@@ -123,7 +124,7 @@ class MotionAxis final : public Axis<Q> {
   std::string shown(Q q) const;
   void throw_if_stopped(unsigned generation) const;
   AxisStatus<Q> read_status();
-  Q read_position() { return *read_status().position; }
+  AxisStatus<Q> heeded_status();
   void check_trouble(const AxisStatus<Q>& status, double direction) const;
   void begin_approach(Q from);
   void begin_leg(Q from, Q to);
@@ -132,6 +133,7 @@ class MotionAxis final : public Axis<Q> {
   bool carry_on(const AxisStatus<Q>& status);
   bool leg_ended(const AxisStatus<Q>& status, Time now);
   bool plausible(Q position, Time now) const;
+  bool odd_place(Q position) const;
   double slack() const;
   bool settled(Q position, Time now);
   void find_home(unsigned generation);
@@ -155,6 +157,7 @@ class MotionAxis final : public Axis<Q> {
   Move move_;
   Arrival<Q> arrival_;
   Time next_poll_{0};
+  std::string lost_because_;     ///< the emergency stop or alarm that the reference was lost with
   std::optional<Q> left_at_;     ///< where the last move ended
   bool approach_known_ = false;  ///< the last move ended in the final direction
 };

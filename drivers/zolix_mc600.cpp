@@ -145,6 +145,7 @@ Acknowledgement Mc600::command_motion(const Channel& channel, const std::string&
   // Nothing of the past may be taken for the end of this motion.
   if (!dialog_.in_step()) dialog_.resync(kQuiet, kResync);
   dialog_.pump();
+  require_no_stop(channel);
   ended_[channel.index] = false;
   try {
     const std::string reply = ask(text, [](std::string_view line) {
@@ -188,10 +189,14 @@ AxisStatus<Steps> Mc600::status(const Channel& channel, Time deadline) {
 void Mc600::send_stop(const Channel& channel, bool) {  // there is only one kind
   // No time for a resync. Whether the axis halts is seen by its position, so any kind of answer
   // will do.
-  retried(Time::max(), [&] {
-    return dialog_.ask(fmt::format("Stop {}", letter(channel)), reply_timeout(),
-                       [](std::string_view line) { return is_error(line) || upper(line) == "OK"; });
-  });
+  for (int i = 1; i <= attempts(); ++i) {
+    const std::string reply = retried(Time::max(), [&] {
+      return dialog_.ask(
+          fmt::format("Stop {}", letter(channel)), reply_timeout(),
+          [](std::string_view line) { return is_error(line) || upper(line) == "OK"; });
+    });
+    if (!is_error(reply)) return;  // refused: it was garbled, perhaps
+  }
 }
 
 void Mc600::switch_output(const OutputConfig& output, bool on) {

@@ -301,6 +301,7 @@ Acknowledgement Sc300::begin(const Channel& channel, Task task) {
   State& s = state(channel);
   if (!dialog_.in_step()) resync();
   dialog_.pump();  // nothing of the past may be taken for the end of this motion
+  require_no_stop(channel);
   const std::string command = task.command;
   task.seen = s.at_rest;
   s.task = std::move(task);
@@ -370,6 +371,8 @@ AxisStatus<Steps> Sc300::status(const Channel& channel, Time deadline) {
   }
   try {
     status.position = counter(channel, deadline);
+  } catch (const GaveWay&) {
+    throw;
   } catch (const TimeoutError&) {
     const auto guard = lock();
     if (config().answers_while_moving || !s.task || s.task->answered) throw;
@@ -392,13 +395,16 @@ void Sc300::send_stop(const Channel& channel, bool) {  // there is only one kind
     task->refusal.reset();
     task->overdue = clock().now() + from_seconds(axis.speed / axis.acceleration + kRoom_s);
   }
-  retried(Time::max(), [&] {
-    const Awaiting awaiting(*this, Waiting::kForAnswer, channel.index);
-    return dialog_.ask(fmt::format("SP{}", letter(channel)), reply_timeout(),
-                       [](std::string_view line) {
-                         return is_error(line) || is_ok(line) || counter_line(line).has_value();
-                       });
-  });
+  for (int i = 1; i <= attempts(); ++i) {
+    const std::string reply = retried(Time::max(), [&] {
+      const Awaiting awaiting(*this, Waiting::kForAnswer, channel.index);
+      return dialog_.ask(fmt::format("SP{}", letter(channel)), reply_timeout(),
+                         [](std::string_view line) {
+                           return is_error(line) || is_ok(line) || counter_line(line).has_value();
+                         });
+    });
+    if (!is_error(reply)) return;  // refused: it was garbled, perhaps
+  }
 }
 
 void Sc300::switch_output(const OutputConfig& output, bool on) {

@@ -379,8 +379,7 @@ Zc300::Snapshot Zc300::wait_for_ends(const Channel& channel) {
              clock().now() > *known.ends - known.guard && clock().now() < *known.ends + known.guard;
     };
     const Snapshot seen = look(channel);
-    if (gives_way())
-      throw TimeoutError(fmt::format("{}: a motion gave way to a stop", where(channel)));
+    require_no_stop(channel);
     if (std::ranges::none_of(channels(), [&](const Channel& other) {
           return seen.moving[number_of(other)] && about_to_end(other);
         }))
@@ -472,6 +471,7 @@ AxisStatus<Steps> Zc300::status(const Channel& channel, Time deadline) {
 }
 
 void Zc300::send_stop(const Channel& channel, bool immediate) {
+  const ModbusMaster::Urgent urgent(master_);
   const std::array<std::uint16_t, 2> block{immediate ? kHalt : kSlowStop, code_of(channel)};
   retried(Time::max(), [&] {
     try {

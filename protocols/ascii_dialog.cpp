@@ -72,19 +72,28 @@ void AsciiDialog::pump() {
   } while (read_pending() > 0);
 }
 
+/// Ends what was half said; a command that was cut off must not be carried out as it stands.
+std::string AsciiDialog::line_end() const { return cut_off_ ? "!\r" : "\r"; }
+
+void AsciiDialog::send(std::string_view bytes, Time deadline) {
+  cut_off_ = true;
+  line_.write(bytes, *clock_, deadline);
+  cut_off_ = false;
+}
+
 void AsciiDialog::tell(std::string_view command, Time timeout) {
   pump();
-  std::string bytes = in_step_ ? "" : "\r";
+  std::string bytes = in_step_ ? "" : line_end();
   bytes.append(command).push_back('\r');
   const bool was_in_step = std::exchange(in_step_, false);
-  line_.write(bytes, *clock_, clock_->now() + timeout);
+  send(bytes, clock_->now() + timeout);
   in_step_ = was_in_step;
 }
 
 void AsciiDialog::resync(Time quiet, Time at_most) {
   in_step_ = false;
   const Time end = clock_->now() + at_most;
-  line_.write("\r", *clock_, end);
+  send(line_end(), end);
   while (clock_->wait_readable(line_.descriptor(), std::min(end, clock_->now() + quiet)) &&
          clock_->now() < end)
     pump();
@@ -98,11 +107,11 @@ std::string AsciiDialog::ask(std::string_view command, Time timeout, const Predi
                              const std::function<bool()>& give_way) {
   pump();
   if (!in_step_) pending_.clear();
-  std::string bytes = in_step_ ? "" : "\r";
+  std::string bytes = in_step_ ? "" : line_end();
   bytes.append(command).push_back('\r');
   in_step_ = false;
   const Time deadline = clock_->now() + timeout;
-  line_.write(bytes, *clock_, deadline);
+  send(bytes, deadline);
   std::string skipped;
   for (;;) {
     while (auto text = next_line()) {
@@ -117,7 +126,7 @@ std::string AsciiDialog::ask(std::string_view command, Time timeout, const Predi
     if (clock_->wait_readable(line_.descriptor(), slice)) continue;
     if (clock_->now() >= deadline) break;
     if (give_way())
-      throw TimeoutError(fmt::format("{}: \"{}\" gave way to a stop", line_.name(), command));
+      throw GaveWay(fmt::format("{}: \"{}\" gave way to a stop", line_.name(), command));
   }
   if (!skipped.empty() || !pending_.empty())
     throw ProtocolError(

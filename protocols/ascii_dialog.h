@@ -37,7 +37,7 @@ class AsciiDialog {
   void tell(std::string_view command, Time timeout);
   /// Deals with what has arrived by itself, without waiting. @throws LineError.
   void pump();
-  /// Ends a half-sent command with CR, then discards answers until the line has been quiet for
+  /// Ends a half-sent command so that it is not carried out, then discards answers until the line has been quiet for
   /// `quiet`, at most `at_most`. Unsolicited lines are still dealt with. @throws LineError.
   void resync(Time quiet, Time at_most);
   /// False after an exchange that failed: a late answer may still come. `ask` then ends a half-sent
@@ -49,6 +49,8 @@ class AsciiDialog {
   Clock& clock() { return *clock_; }
 
  private:
+  std::string line_end() const;
+  void send(std::string_view bytes, Time deadline);
   std::size_t read_pending();
   std::optional<std::string> next_line();
 
@@ -58,6 +60,8 @@ class AsciiDialog {
   std::string pending_;    ///< bytes not yet made into lines
   bool overlong_ = false;  ///< inside a line that is too long: dropping until CR
   bool in_step_ = true;
+  bool cut_off_ =
+      true;  ///< a command may have been sent in part: by us, or by whoever was here before
 };
 
 }  // namespace turntable

@@ -16,6 +16,7 @@ using std::chrono::milliseconds;
 
 constexpr Time kSlice = milliseconds{20};
 constexpr Time kQuiet = milliseconds{50};  // after trouble: nothing more comes
+constexpr Time kUrgentQuiet = milliseconds{5};
 constexpr Time kSettleMost = milliseconds{300};
 constexpr int kGatewayTargetSilent = 0x0B;  // a gateway's own words for a slave's silence
 constexpr std::size_t kExceptionBytes = 2;  // function and code
@@ -160,10 +161,11 @@ void ModbusMaster::write(const std::string& pdu, int slave) {
 
 /// Lets what still comes after trouble come, and throws it away.
 void ModbusMaster::settle() {
-  const Time end = clock_->now() + kSettleMost;
+  const Time quiet = urgent_ ? kUrgentQuiet : kQuiet;
+  const Time end = clock_->now() + (urgent_ ? kUrgentQuiet : kSettleMost);
   line_.drain(clock_->now());
   while (clock_->now() < end && !(give_way_ && give_way_()) &&
-         clock_->wait_readable(line_.descriptor(), std::min(end, clock_->now() + kQuiet)))
+         clock_->wait_readable(line_.descriptor(), std::min(end, clock_->now() + quiet)))
     line_.drain(clock_->now());
 }
 
@@ -202,8 +204,7 @@ std::string ModbusMaster::exchange(const std::string& pdu, int slave, std::size_
     const Time slice = give_way_ ? std::min(deadline, clock_->now() + kSlice) : deadline;
     if (clock_->wait_readable(line_.descriptor(), slice)) continue;
     if (clock_->now() >= deadline) break;
-    if (give_way_())
-      throw TimeoutError(fmt::format("{}: an exchange gave way to a stop", line_.name()));
+    if (give_way_()) throw GaveWay(fmt::format("{}: an exchange gave way to a stop", line_.name()));
   }
   if (received.empty())
     throw TimeoutError(fmt::format(

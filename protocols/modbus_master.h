@@ -52,6 +52,19 @@ class ModbusMaster {
   /// Function 16.
   void write_registers(int slave, std::uint16_t address, std::span<const std::uint16_t> values);
 
+  /// While it lives, an exchange after trouble waits 5 ms at most for the line to be quiet: a stop
+  /// cannot wait, and may be said again.
+  class Urgent {
+   public:
+    explicit Urgent(ModbusMaster& master) : master_(master) { master_.urgent_ = true; }
+    ~Urgent() { master_.urgent_ = false; }
+    Urgent(const Urgent&) = delete;
+    Urgent& operator=(const Urgent&) = delete;
+
+   private:
+    ModbusMaster& master_;
+  };
+
   const Line& line() const { return line_; }
 
  private:
@@ -71,7 +84,8 @@ class ModbusMaster {
   std::function<bool()> give_way_;
   std::unique_ptr<Context> context_;
   std::uint16_t transaction_ = 0;  ///< kTcp: tells a late answer from the present one
-  bool in_step_ = true;            ///< false after an exchange that failed
+  bool urgent_ = false;
+  bool in_step_ = true;  ///< false after an exchange that failed
 };
 
 }  // namespace turntable

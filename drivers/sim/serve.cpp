@@ -42,10 +42,11 @@ void serve_controllers(SystemClock& clock, const std::vector<ServedController>& 
   std::vector<Actor*> actors = others;
   // A link to a pty that is gone would mislead the next reader.
   struct Links {
-    std::vector<fs::path> paths;
+    std::vector<std::pair<fs::path, fs::path>> paths;
     ~Links() {
       std::error_code ignored;
-      for (const auto& path : paths) fs::remove(path, ignored);
+      for (const auto& [path, target] : paths)
+        if (fs::read_symlink(path, ignored) == target) fs::remove(path, ignored);
     }
   } links;
   for (const ServedController& served : controllers) {
@@ -55,7 +56,7 @@ void serve_controllers(SystemClock& clock, const std::vector<ServedController>& 
       out << fmt::format("{} 127.0.0.1:{}\n", served.name, sockets.back()->port());
     } else {
       const std::string path = plug_into_pty(*served.simulator, served.link);
-      if (!served.link.empty()) links.paths.push_back(served.link);
+      if (!served.link.empty()) links.paths.emplace_back(served.link, path);
       out << fmt::format("{} {}\n", served.name, path);
     }
     actors.push_back(served.simulator);

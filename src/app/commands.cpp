@@ -202,6 +202,42 @@ void print_list(const std::vector<std::string>& lines) {
   for (const std::string& line : lines) fmt::print("  {}\n", line);
 }
 
+/// The part of a run that has the rig; afterwards it is free for others.
+/// @param folder is there as soon as it has been made.
+AcquireSummary take_poses(const RunArguments& a, const RigFile& rig_file, const Plan& plan,
+                          const CameraSource& camera, const fs::path& root, ArchiveMode archive,
+                          std::optional<RunFolder>& folder) {
+  // The devices are asked before anything is written or moves.
+  std::fflush(stdout);
+  const RigLock lock(rig_file, fmt::format("run {}", a.scenario.string()));
+  Rig rig = open_rig(rig_file, {a.configure, a.assume_mounted, a.wire_log, a.speed});
+  fmt::print("devices:\n");
+  print_list(rig.identities);
+  check_devices(rig, rig_file, plan);
+  folder = RunFolder::create(root, plan);
+  if (camera.loaded) write_atomically(folder->calibration(), calibration_to_json(*camera.loaded));
+  fmt::print("run: {}\n", folder->root().string());
+  std::fflush(stdout);
+  const auto kept = [&](std::string_view axes) {
+    fmt::print("{}What was taken is kept in {}; \"turntable evaluate {}\" evaluates it.\n", axes,
+               folder->root().string(), folder->root().string());
+  };
+  try {
+    ProgressLine line("taking poses");
+    AcquireOptions options;
+    options.archive = archive;
+    const nlohmann::json start = provenance(rig_file, fmt::format("run {}", a.scenario.string()));
+    return acquire(rig, rig_file, plan, *folder, start, options,
+                   [&](const Progress& p) { line.update(p.done, p.total, p.phase, p.eta_s); });
+  } catch (const NotStopped&) {
+    kept("");
+    throw;
+  } catch (const Error&) {
+    kept("The axes are stopped. ");
+    throw;
+  }
+}
+
 }  // namespace
 
 int plan_command(const PlanArguments& a) {
@@ -239,33 +275,9 @@ int run_command(const RunArguments& a) {
     return kDone;
   }
 
-  // The devices are asked before anything is written or moves.
-  std::fflush(stdout);
-  const RigLock lock(rig_file, fmt::format("run {}", a.scenario.string()));
-  Rig rig = open_rig(rig_file, {a.configure, a.assume_mounted, a.wire_log, a.speed});
-  fmt::print("devices:\n");
-  print_list(rig.identities);
-  check_devices(rig, rig_file, plan);
-  const RunFolder folder = RunFolder::create(root, plan);
-  if (camera.loaded) write_atomically(folder.calibration(), calibration_to_json(*camera.loaded));
-  fmt::print("run: {}\n", folder.root().string());
-  std::fflush(stdout);
-
-  AcquireSummary summary;
-  try {
-    ProgressLine line("taking poses");
-    AcquireOptions options;
-    options.archive = archive;
-    const nlohmann::json start = provenance(rig_file, fmt::format("run {}", a.scenario.string()));
-    summary = acquire(rig, rig_file, plan, folder, start, options,
-                      [&](const Progress& p) { line.update(p.done, p.total, p.phase, p.eta_s); });
-  } catch (const Error&) {
-    fmt::print(
-        "The axes are stopped. What was taken is kept in {}; \"turntable evaluate {}\" evaluates "
-        "it.\n",
-        folder.root().string(), folder.root().string());
-    throw;
-  }
+  std::optional<RunFolder> made;
+  const AcquireSummary summary = take_poses(a, rig_file, plan, camera, root, archive, made);
+  const RunFolder& folder = *made;
   fmt::print("{} poses taken: {} on the rig's clock, {} by the wall\n", summary.poses,
              duration_text(summary.rig_s), duration_text(summary.wall_s));
   try {

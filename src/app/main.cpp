@@ -18,9 +18,9 @@ namespace {
 using namespace turntable;
 
 constexpr const char* kExitCodes =
-    "Exit codes: 0 done; 2 bad input, nothing moved; 3 device trouble, axes stopped; 4 finished, "
-    "but some poses "
-    "failed;\n130 interrupted, axes stopped.\n";
+    "Exit codes: 0 done; 2 bad input, nothing moved; 3 device or disk trouble, axes stopped unless "
+    "the message says otherwise;\n4 finished, but some poses failed or an axis missed; 130 "
+    "interrupted, axes stopped.\n";
 
 int guarded(const std::function<int()>& verb) {
   try {
@@ -186,7 +186,9 @@ int main(int argc, char** argv) {
   devices_verb->add_flag("--list", devices.listed_only, "only list, send nothing to anybody");
   devices_verb->footer(
       "Example:\n  turntable devices --tcp 10.0.0.7:4001\n"
-      "Only queries are sent, to each port in every known language. Ports in use are left alone.");
+      "Only queries are sent, to each port in every known language. Ports that another turntable "
+      "has, or that are open\nexclusively, are left alone; if other instruments are connected, "
+      "--list asks nobody.");
   devices_verb->callback([&] { code = guarded([&] { return devices_command(devices); }); });
 
   const auto by_hand = [](CLI::App& verb, HandArguments& a) {
@@ -199,7 +201,9 @@ int main(int argc, char** argv) {
   auto* status_verb =
       app.add_subcommand("status", "Say how the controllers are set up and where the axes stand");
   by_hand(*status_verb, status);
-  status_verb->footer("Example:\n  turntable status --rig scenarios/rigs/lab_example.json");
+  status_verb->footer(
+      "Example:\n  turntable status --rig scenarios/rigs/lab_example.json\n"
+      "Exit code 3 if the set-up differs from the rig file's. A rig in use is not asked.");
   status_verb->callback([&] { code = guarded([&] { return status_command(status); }); });
 
   HomeArguments home;
@@ -234,7 +238,9 @@ int main(int argc, char** argv) {
   auto* stop_verb =
       app.add_subcommand("stop", "Stop all axes, and whoever moves them, also in another process");
   by_hand(*stop_verb, stop);
-  stop_verb->footer("Example:\n  turntable stop --rig scenarios/rigs/lab_example.json");
+  stop_verb->footer(
+      "Example:\n  turntable stop --rig scenarios/rigs/lab_example.json\n"
+      "Exit code 3 if anything is not known to stand.");
   stop_verb->callback([&] { code = guarded([&] { return stop_command(stop); }); });
 
   SimulateArguments simulate;

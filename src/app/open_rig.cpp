@@ -2,13 +2,16 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <poll.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <csignal>
 #include <cstdio>
 #include <fstream>
+#include <future>
 #include <iostream>
 
 #include "drivers/catalog.h"
@@ -18,6 +21,7 @@
 #include "drivers/sim/gige_peer.h"
 #include "drivers/sim/serve.h"
 #include "src/core/errors.h"
+#include "src/core/interrupt.h"
 #include "src/record/image_import.h"
 
 namespace turntable {
@@ -80,6 +84,8 @@ void ask_to_mount(Payload payload) {
         "as it is.",
         what));
   fmt::print(stderr, "\nMount {} on the table, then press Enter (Ctrl-C ends the run): ", what);
+  // Not blocked in a read: a stop from elsewhere has to come through.
+  for (pollfd input{STDIN_FILENO, POLLIN, 0}; ::poll(&input, 1, 50) <= 0;) throw_if_interrupted();
   std::string line;
   if (!std::getline(std::cin, line))
     throw Interrupted("interrupted while the payload was being changed");
@@ -180,16 +186,19 @@ Axes open_controllers(const RigFile& file, const OpenRigOptions& options,
         "file, or write its set-up into the controllers with --configure.",
         file.file, fmt::join(found, "\n  ")));
 
-  rig.stop_all = [controllers = axes.controllers] {
-    std::exception_ptr first;
-    for (Controller* controller : controllers) {
-      try {
-        controller->stop_all();
-      } catch (...) {
-        if (!first) first = std::current_exception();
-      }
+  // Each controller has a line of its own: on real ones, one that does not answer must not keep the
+  // others waiting.
+  const auto policy = manual != nullptr ? std::launch::deferred : std::launch::async;
+  rig.stop_all = [controllers = axes.controllers, policy] {
+    Attempts tried;
+    for (Controller* controller : controllers) controller->forbid_all();
+    for (const auto part : {&Controller::begin_stop_all, &Controller::finish_stop_all}) {
+      std::vector<std::future<void>> parts;
+      for (Controller* controller : controllers)
+        parts.push_back(std::async(policy, [=] { (controller->*part)(); }));
+      for (auto& done : parts) tried([&] { done.get(); });
     }
-    if (first) std::rethrow_exception(first);
+    tried.rethrow();
   };
   rig.trust_references = [controllers = axes.controllers] {
     for (Controller* controller : controllers)
@@ -330,7 +339,9 @@ class Whereabouts final : public Actor {
 /// A person at the simulated rig: "mount led_target" on standard input.
 class Assistant final : public Actor {
  public:
-  explicit Assistant(sim::World& world) : world_(world) {}
+  explicit Assistant(sim::World& world) : world_(world) {
+    std::signal(SIGTTIN, SIG_IGN);  // in the background of a terminal there is nobody to be heard
+  }
   int descriptor() const override { return gone_ ? -1 : STDIN_FILENO; }
   std::optional<Time> next_due() const override { return std::nullopt; }
   void act(Time) override {
@@ -382,6 +393,7 @@ void serve_devices(const RigFile& file, const ServeOptions& options) {
   std::vector<std::unique_ptr<sim::ControllerSimulator>> simulators;
   std::vector<sim::ServedController> served;
   for (const ControllerConfig& config : file.controllers) {
+    check_controller(config);
     simulators.push_back(simulator_for(file, config));
     sim::ServedController s;
     s.name = config.name;

@@ -7,6 +7,7 @@
 #include <charconv>
 #include <chrono>
 #include <cmath>
+#include <map>
 
 #include "drivers/catalog.h"
 #include "protocols/serial.h"
@@ -34,7 +35,7 @@ AxisId axis_argument(const std::string& name) {
 
 double number_argument(const std::string& axis, const std::string& text) {
   double value = 0;
-  const char* begin = text.data() + (text.starts_with('+') ? 1 : 0);
+  const char* begin = text.data() + (text.starts_with('+') && !text.starts_with("+-") ? 1 : 0);
   const auto [end, error] = std::from_chars(begin, text.data() + text.size(), value);
   if (error != std::errc() || end != text.data() + text.size() || !std::isfinite(value))
     throw ConfigError(axis, "",
@@ -43,18 +44,34 @@ double number_argument(const std::string& axis, const std::string& text) {
   return value;
 }
 
+/// "10.0.0.7:4001"
+std::pair<std::string, std::uint16_t> host_argument(const std::string& text) {
+  const std::size_t colon = text.rfind(':');
+  int port = 0;
+  if (colon != std::string::npos && colon > 0) {
+    const char* end = text.data() + text.size();
+    const auto [stop, error] = std::from_chars(text.data() + colon + 1, end, port);
+    if (error == std::errc() && stop == end && port >= 1 && port <= 65535)
+      return {text.substr(0, colon), static_cast<std::uint16_t>(port)};
+  }
+  throw ConfigError("--tcp", "",
+                    fmt::format("found \"{}\", allowed: host:port, port 1 to 65535.", text));
+}
+
 /// Whatever ends `work`, the axes are stopped before the rig is let go.
 template <class Work>
 void moving(const Rig& rig, Work&& work) {
-  stop_at_first_interrupt();
   try {
+    throw_if_stopping_now();
     work();
-  } catch (...) {
+  } catch (const std::exception& cause) {
     const InterruptShield shield;
     try {
       rig.stop_all();
     } catch (const Error& e) {
-      fmt::print(stderr, "stopping the axes failed: {}\n", e.what());
+      throw NotStopped(fmt::format(
+          "{}; stopping the axes failed: {}. They may still be moving: USE THE EMERGENCY STOP.",
+          cause.what(), e.what()));
     }
     throw;
   }
@@ -79,6 +96,9 @@ void print_position(const Rig& rig, AxisId id) {
 }  // namespace
 
 int devices_command(const DevicesArguments& a) {
+  stop_at_first_interrupt();
+  std::vector<std::pair<std::string, std::uint16_t>> servers;
+  for (const std::string& host : a.hosts) servers.push_back(host_argument(host));
   std::vector<SerialPort> ports = list_serial_ports();
   for (const std::string& path : a.ports) ports.push_back({path, "as asked", ""});
   if (ports.empty()) fmt::print("no serial ports\n");
@@ -87,30 +107,24 @@ int devices_command(const DevicesArguments& a) {
     std::string who;
     if (const auto holder = line_holder(line))
       who = "in use by " + holder->who;
-    else if (!a.listed_only) {
-      const RigLock lock(line, "devices");
-      who = identify(clock, open);
-    }
+    else if (!a.listed_only)
+      try {
+        const RigLock lock(line, "devices");
+        who = identify(clock, open);
+      } catch (const DeviceError& e) {
+        who = e.what();
+      }
     fmt::print("{:<20} {}{}{}\n", line, what, who.empty() ? "" : ": ", who);
     std::fflush(stdout);
   };
   for (const SerialPort& port : ports)
     asked(port.path, port.description + (port.usb_id.empty() ? "" : " (" + port.usb_id + ")"),
           [&](const ControllerModel& model) { return open_serial(port.path, model.default_baud); });
-  for (const std::string& host : a.hosts) {
-    const std::size_t colon = host.rfind(':');
-    int port = 0;
-    if (colon == std::string::npos ||
-        std::from_chars(host.data() + colon + 1, host.data() + host.size(), port).ec !=
-            std::errc() ||
-        port < 1 || port > 65535)
-      throw ConfigError("--tcp", "",
-                        fmt::format("found \"{}\", allowed: host:port, port 1 to 65535.", host));
-    asked(host, "TCP", [&](const ControllerModel&) {
-      return open_tcp(host.substr(0, colon), static_cast<std::uint16_t>(port),
-                      std::chrono::seconds{2});
-    });
-  }
+  for (const auto& [host, port] : servers)
+    asked(fmt::format("{}:{}", host, port), "TCP",
+          [&, host = host, port = port](const ControllerModel&) {
+            return open_tcp(host, port, std::chrono::seconds{2});
+          });
   bool cameras = false;
   for (const CameraModel& model : camera_models()) {
     if (model.find == nullptr) continue;
@@ -124,6 +138,7 @@ int devices_command(const DevicesArguments& a) {
 }
 
 int status_command(const HandArguments& a) {
+  stop_at_first_interrupt();
   const RigFile file = load_rig_file(a.rig);
   const std::vector<LineHolder> holders = line_holders(file);
   for (const LineHolder& holder : holders)
@@ -148,6 +163,7 @@ int status_command(const HandArguments& a) {
 }
 
 int home_command(const HomeArguments& a) {
+  stop_at_first_interrupt();
   std::vector<AxisId> ids;
   for (const std::string& name : a.axes) ids.push_back(axis_argument(name));
   if (ids.empty()) ids.assign(kAllAxes.begin(), kAllAxes.end());
@@ -160,6 +176,14 @@ int home_command(const HomeArguments& a) {
 }
 
 int move_command(const MoveArguments& a) {
+  stop_at_first_interrupt();
+  if (!a.home && !a.homed)
+    throw ConfigError(
+        "move", "",
+        "found neither --home nor --homed. Positions are pulse counters, and this program cannot "
+        "know whether they still count from the home switch: give --home to home the axes first, "
+        "or --homed if they were homed since the controllers were switched on and nothing went "
+        "wrong since.");
   if (a.targets.size() % 2 != 0)
     throw ConfigError("move", "",
                       fmt::format("found {} words, allowed: pairs of an axis and a value, for "
@@ -175,7 +199,7 @@ int move_command(const MoveArguments& a) {
   const RigFile file = load_rig_file(a.rig);
   const RigLock lock(file, "move");
   const Rig rig = open_axes(file, {false, false, a.wire_log, a.speed});
-  if (!a.relative)  // before anything moves
+  if (!a.relative || a.home)  // before anything moves; after homing an axis stands at 0
     for (const auto& [id, value] : targets)
       with_axis(rig, id, [value = value](auto& axis) { axis.check({value}); });
   moving(rig, [&] {
@@ -183,15 +207,8 @@ int move_command(const MoveArguments& a) {
       std::vector<AxisId> ids;
       for (const auto& [id, value] : targets) ids.push_back(id);
       home(rig, ids);
-    } else if (a.homed) {
-      rig.trust_references();
     } else {
-      throw ConfigError(
-          "move", "",
-          "found neither --home nor --homed. Positions are pulse counters, and this program cannot "
-          "know whether they still count from the home switch: give --home to home the axes first, "
-          "or --homed if they were homed since the controllers were switched on and nothing went "
-          "wrong since.");
+      rig.trust_references();
     }
     if (a.relative)
       for (auto& [id, value] : targets)
@@ -225,14 +242,44 @@ int move_command(const MoveArguments& a) {
 }
 
 int stop_command(const HandArguments& a) {
-  const RigFile file = load_rig_file(a.rig);
-  for (const LineHolder& holder : order_stop(file, kStopTimeout))
-    fmt::print("{}: {} was told to stop and has let go\n", holder.line, holder.who);
-  // Whoever had it says that it stopped; the controllers are told all the same, before anything else.
-  const RigLock lock(file, "stop");
-  const Rig rig = open_axes(file, {false, false, a.wire_log, a.speed, false});
-  rig.stop_all();
-  for (const AxisId id : kAllAxes) print_position(rig, id);
+  stop_at_first_interrupt();
+  RigFile file = load_rig_file(a.rig);
+  for (const ControllerConfig& controller : file.controllers)
+    if (controller.line.kind == LineConfig::Kind::kSimulated)
+      throw ConfigError(file.file, "/controllers/" + controller.name + "/line",
+                        "is simulated inside each program: there is nothing that another program "
+                        "could stop. End that program.");
+  // Controller by controller: that one cannot be reached must not keep the others from stopping.
+  std::string trouble;
+  const auto tried = [&](const std::string& what, auto&& action) {
+    try {
+      action();
+    } catch (const Error& e) {
+      trouble += fmt::format("{}{}: {}", trouble.empty() ? "" : "\n", what, e.what());
+    }
+  };
+  for (const ControllerConfig& controller : file.controllers)
+    tried(controller.name, [&] {
+      if (const auto holder = order_stop(controller.line, kStopTimeout))
+        fmt::print("{}: {} was told to stop and has let go\n", holder->line, holder->who);
+    });
+  const std::vector<ControllerConfig> all = file.controllers;
+  const std::map<AxisId, AxisConfig> axes = file.axes;
+  for (const ControllerConfig& controller : all)
+    tried(controller.name, [&] {
+      // Whoever had it says that it stopped; the controller is told all the same, before anything else.
+      file.controllers = {controller};
+      file.axes.clear();
+      for (const auto& [id, axis] : axes)
+        if (axis.controller == controller.name) file.axes[id] = axis;
+      const RigLock lock(file, "stop");
+      const Rig rig = open_axes(file, {false, false, a.wire_log, a.speed, false});
+      rig.stop_all();
+      for (const auto& [id, axis] : file.axes) print_position(rig, id);
+    });
+  if (!trouble.empty())
+    throw NotStopped(
+        fmt::format("{}\nNot everything is known to stand: USE THE EMERGENCY STOP.", trouble));
   fmt::print("all axes stand\n");
   return kDone;
 }

@@ -11,6 +11,8 @@
 #include <cerrno>
 #include <cstddef>
 #include <cstring>
+#include <functional>
+#include <optional>
 #include <set>
 #include <thread>
 
@@ -79,7 +81,8 @@ Address address_of(const std::string& id) {
   Address a;
   a.address.sun_family = AF_UNIX;
   std::string name = "turntable-line:" + id;
-  name.resize(std::min(name.size(), sizeof a.address.sun_path - 1));
+  if (name.size() > sizeof a.address.sun_path - 1)
+    name = fmt::format("turntable-line#{:016x}", std::hash<std::string>{}(id));
   std::memcpy(a.address.sun_path + 1, name.data(), name.size());
   a.size = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + 1 + name.size());
   return a;
@@ -92,12 +95,17 @@ bool readable(int fd, milliseconds wait) {
   return ::poll(&p, 1, static_cast<int>(wait.count())) > 0;
 }
 
-/// Connects to whoever has the line and says a word. @return -1 if nobody is there.
-Descriptor call(const std::string& id, std::string_view word) {
+/// Connects to whoever has the line and says a word. @return nothing if nobody is there; -1 if there
+/// is somebody who does not answer.
+std::optional<Descriptor> call(const std::string& id, std::string_view word) {
   Descriptor fd = new_socket();
+  const timeval patience{1, 0};  // a holder that hangs answers nobody, and his queue fills up
+  ::setsockopt(fd.get(), SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
   const Address a = address_of(id);
-  if (::connect(fd.get(), reinterpret_cast<const sockaddr*>(&a.address), a.size) != 0)
+  if (::connect(fd.get(), reinterpret_cast<const sockaddr*>(&a.address), a.size) != 0) {
+    if (errno == ECONNREFUSED) return std::nullopt;
     return Descriptor(-1);
+  }
   ::send(fd.get(), word.data(), word.size(), MSG_NOSIGNAL);
   return fd;
 }
@@ -112,6 +120,11 @@ std::string heard(int fd, milliseconds wait) {
     text.append(buffer.data(), static_cast<std::size_t>(n));
   }
   return text.substr(0, text.find('\n'));
+}
+
+std::string answer_of(int fd) {
+  const std::string who = heard(fd, milliseconds{1000});
+  return who.empty() ? "a process that does not answer" : who;
 }
 
 }  // namespace
@@ -184,10 +197,9 @@ RigLock::RigLock(RigLock&&) noexcept = default;
 
 std::optional<LineHolder> line_holder(const std::string& line) {
   const std::string id = line_id(line);
-  const Descriptor fd = call(id, "who\n");
-  if (fd.get() < 0) return std::nullopt;
-  const std::string who = heard(fd.get(), milliseconds{1000});
-  return LineHolder{id, who.empty() ? "a process that does not answer" : who};
+  const auto fd = call(id, "who\n");
+  if (!fd) return std::nullopt;
+  return LineHolder{id, answer_of(fd->get())};
 }
 
 std::vector<LineHolder> line_holders(const RigFile& rig) {
@@ -197,27 +209,21 @@ std::vector<LineHolder> line_holders(const RigFile& rig) {
   return holders;
 }
 
-std::vector<LineHolder> order_stop(const RigFile& rig, milliseconds timeout) {
-  std::vector<LineHolder> holders;
-  std::vector<Descriptor> calls;
-  for (const std::string& id : line_ids(rig)) {
-    Descriptor fd = call(id, "stop\n");
-    if (fd.get() < 0) continue;
-    holders.push_back({id, heard(fd.get(), milliseconds{1000})});
-    calls.push_back(std::move(fd));
-  }
+std::optional<LineHolder> order_stop(const LineConfig& line, milliseconds timeout) {
+  const std::string id = line_id(line);
+  const auto fd = id.empty() ? std::nullopt : call(id, "stop\n");
+  if (!fd) return std::nullopt;
+  const LineHolder holder{id, answer_of(fd->get())};
+  if (fd->get() < 0) throw NotStopped(fmt::format("{} has {}.", holder.who, id));
+  // The connection ends when the line is let go, and that is after the axes have been stopped.
   const auto end = steady_clock::now() + timeout;
-  for (std::size_t i = 0; i < calls.size(); ++i) {
-    // The connection ends when the line is let go, and that is after the axes have been stopped.
+  for (char byte = 0;;) {
     const auto left = std::chrono::duration_cast<milliseconds>(end - steady_clock::now());
-    char byte = 0;
-    if (!readable(calls[i].get(), std::max(left, milliseconds{0})) ||
-        ::recv(calls[i].get(), &byte, 1, 0) != 0)
-      throw TimeoutError(fmt::format(
-          "{} was told to stop and still has {} after {:.0f} s. USE THE EMERGENCY STOP.",
-          holders[i].who, holders[i].line, std::chrono::duration<double>(timeout).count()));
+    if (left <= milliseconds{0} || !readable(fd->get(), left))
+      throw NotStopped(fmt::format("{} was told to stop and still has {} after {:.0f} s.",
+                                   holder.who, id, std::chrono::duration<double>(timeout).count()));
+    if (::recv(fd->get(), &byte, 1, 0) <= 0) return holder;  // closed, or reset: he is gone
   }
-  return holders;
 }
 
 }  // namespace turntable

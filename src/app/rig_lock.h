@@ -7,6 +7,7 @@
 #include <chrono>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -43,8 +44,8 @@ std::vector<LineHolder> line_holders(const RigFile& rig);
 /// The same for one serial port or "host:port"; nothing if it is free.
 std::optional<LineHolder> line_holder(const std::string& line);
 
-/// Orders everybody who has a line of the rig to stop its axes, and waits until they have let go.
-/// @return who they were. @throws TimeoutError if one still holds on.
-std::vector<LineHolder> order_stop(const RigFile& rig, std::chrono::milliseconds timeout);
+/// Orders whoever has a line to stop its axes, and waits until he has let go. @return who it was;
+/// nothing if the line is free. @throws NotStopped if he still holds on, or does not answer.
+std::optional<LineHolder> order_stop(const LineConfig& line, std::chrono::milliseconds timeout);
 
 }  // namespace turntable

@@ -276,7 +276,8 @@ class Acquisition {
   [[noreturn]] void end_early(const std::exception_ptr& cause, RunJournal& journal,
                               ArchiveWorker& worker) {
     const InterruptShield shield;
-    std::string trouble = stop_axes();
+    const std::string not_stopped = stop_axes();
+    std::string trouble = not_stopped;
     try {
       worker.finish();
     } catch (const std::exception& e) {
@@ -301,6 +302,9 @@ class Acquisition {
       journal.stop(status, reason + trouble);
     } catch (const std::exception&) {  // a full disk, perhaps: the cause says so
     }
+    if (!not_stopped.empty())
+      throw NotStopped(fmt::format("{}{}. The axes may still be moving: USE THE EMERGENCY STOP.",
+                                   reason, not_stopped));
     std::rethrow_exception(cause);
   }
 

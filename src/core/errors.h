@@ -24,6 +24,11 @@ class TimeoutError : public Error {
  public:
   using Error::Error;
 };
+/// An exchange ended early because a stop waited for the line: nothing is wrong with the device.
+class GaveWay : public TimeoutError {
+ public:
+  using TimeoutError::TimeoutError;
+};
 /// Bytes arrived that the protocol does not allow.
 class ProtocolError : public Error {
  public:
@@ -38,6 +43,11 @@ class LimitError : public Error {
 class DeviceError : public Error {
  public:
   using Error::Error;
+};
+/// An axis could not be stopped, or not be seen to stand: a person has to.
+class NotStopped : public DeviceError {
+ public:
+  using DeviceError::DeviceError;
 };
 /// A run folder cannot be read or written.
 class RecordError : public Error {

@@ -10,23 +10,32 @@ namespace turntable {
 namespace {
 
 std::atomic<int> g_level{0};
+std::atomic<int> g_presses{0};  ///< of Ctrl-C
 static_assert(std::atomic<int>::is_always_lock_free, "the signal handler touches it");
 std::atomic<bool> g_stop_at_first{false};
 thread_local int t_shields = 0;
 
 extern "C" void on_signal(int signal) {
+  // The third press kills, whatever the first two meant: the way out needs its time.
+  if (signal == SIGINT && ++g_presses > 2) std::_Exit(130);
   const int before = g_level.load();
-  const int level = signal == SIGINT && !(g_stop_at_first && before == 0) ? before + 1 : 2;
-  if (level > 2) std::_Exit(130);
-  g_level.store(level);
+  const int level = signal == SIGINT && before == 0 && !g_stop_at_first ? 1 : 2;
+  if (level > before) g_level.store(level);
 }
 
 }  // namespace
 
 int interrupt_level() { return g_level.load(); }
-void set_interrupt_level(int level) { g_level.store(level); }
+void set_interrupt_level(int level) {
+  g_level.store(level);
+  if (level == 0) g_presses = 0;
+}
 
-void stop_at_first_interrupt() { g_stop_at_first = true; }
+void stop_at_first_interrupt() {
+  g_stop_at_first = true;
+  int first = 1;  // one that has come already counts as well
+  g_level.compare_exchange_strong(first, 2);
+}
 
 void install_interrupt_handlers() {
   struct sigaction action {};

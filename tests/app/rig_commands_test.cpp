@@ -138,17 +138,53 @@ TEST_F(ServedRig, RefusesASecondMoverAndCanBeStoppedFromAnotherProcess) {
 
 TEST_F(ServedRig, IsFreeAgainAfterAMoverIsKilled) {
   serve("simulated", {"pty"});
-  {
-    BackgroundProgram mover("move stage 150 --home --rig " + file.string() + " --speed 4",
-                            folder / "move.log");
-    for (int i = 0; i < 200 && rig("status").output.find("in use") == std::string::npos; ++i) {
-    }
-    mover.signal(SIGKILL);
-    EXPECT_EQ(mover.ended(), 128 + SIGKILL);
-  }
+  BackgroundProgram mover("run " + (kScenarios / "uniaxial_z.json").string() + " --rig " +
+                              file.string() + " --speed 4 --out " + (folder / "run").string(),
+                          folder / "run.log");
+  ASSERT_TRUE(mover.prints("run: ")) << mover.output();
+  EXPECT_EQ(rig("home yaw").code, 3);
+  mover.signal(SIGKILL);
+  EXPECT_EQ(mover.ended(), 128 + SIGKILL);
   const Outcome o = rig("stop");
   EXPECT_EQ(o.code, 0) << o.output;
+  EXPECT_THAT(o.output, HasSubstr("all axes stand"));
+  EXPECT_THAT(o.output, Not(HasSubstr("was told to stop")));
   EXPECT_EQ(rig("home yaw").code, 0);
+}
+
+TEST_F(ServedRig, IsLeftStandingByACtrlC) {
+  serve("simulated", {"pty"});
+  BackgroundProgram mover("move stage 190 --home --rig " + file.string() +
+                              " --speed 4 --wire-log " + (folder / "wire.log").string(),
+                          folder / "move.log");
+  for (int i = 0; i < 1000 && slurp(folder / "wire.log").find("GoPosition") == std::string::npos;
+       ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds{10});
+  mover.signal(SIGINT);
+  EXPECT_EQ(mover.ended(), 130);
+  const std::string before = rig("status").output;
+  EXPECT_THAT(before, Not(HasSubstr("stage       0.00000")));
+  EXPECT_THAT(before, Not(HasSubstr("stage     190.00000")));
+  EXPECT_EQ(rig("status").output, before);
+}
+
+TEST_F(ServedRig, IsStoppedAsFarAsItCanBeReached) {
+  serve("two_zc300", {"pty", tcp("modbus_tcp", 15023)});
+  std::string text = slurp(file);
+  replace(text, "15023", "15024");  // nobody is there
+  spill(file, text);
+  const Outcome o = rig("stop");
+  EXPECT_EQ(o.code, 3);
+  EXPECT_THAT(o.output, HasSubstr("yaw "));  // on the controller that answers
+  EXPECT_THAT(o.output, HasSubstr("mc2: 127.0.0.1:15024"));
+  EXPECT_THAT(o.output, HasSubstr("USE THE EMERGENCY STOP"));
+  EXPECT_THAT(o.output, Not(HasSubstr("all axes stand")));
+}
+
+TEST(SimulatedRig, CannotBeStoppedFromElsewhereAndSaysSo) {
+  const Outcome o = turntable_program("stop --rig scenarios/rigs/simulated.json");
+  EXPECT_EQ(o.code, 2);
+  EXPECT_THAT(o.output, HasSubstr("simulated inside each program"));
 }
 
 TEST_F(ServedRig, GoesWrongByAFile) {
@@ -198,6 +234,10 @@ TEST_F(ServedRig, RefusesBadFaultFiles) {
 // ---- the camera
 
 TEST_F(ServedRig, ShowsItsCameraOnLoopbackAndItsPayloadIsChangedByHand) {
+  const Outcome calibrated = turntable_program(
+      "run " + (kScenarios / "campaigns/quick.json").string() +
+      " --rig scenarios/rigs/gige.json --out " + (folder / "calibrated").string());
+  ASSERT_EQ(calibrated.code, 0) << calibrated.output;
   serve("gige", {"pty"}, "", "\"simulated\": {},\n", "\"device\": \"127.0.0.1\",\n");
   EXPECT_THAT(server->output(), HasSubstr("camera 127.0.0.1"));
   EXPECT_THAT(turntable_program("devices").output, HasSubstr("gige camera: Aravis-Fake-SIM01"));
@@ -205,17 +245,13 @@ TEST_F(ServedRig, ShowsItsCameraOnLoopbackAndItsPayloadIsChangedByHand) {
   EXPECT_TRUE(server->prints("mounted led_target"));
   server->say("mount elephant\n");
   EXPECT_TRUE(server->prints("allowed: mount circle_pattern, mount led_target"));
-  // A scenario on it, in real time over both protocols: five poses by a given calibration.
-  const Outcome made = turntable_program("run " + (kScenarios / "campaigns/quick.json").string() +
-                                         " --rig scenarios/rigs/simulated.json --out " +
-                                         (folder / "calibrated").string());
-  ASSERT_EQ(made.code, 0) << made.output;
+  // A scenario on it, both protocols between two processes.
   const Outcome o =
       rig("run " + (kScenarios / "quick/uniaxial_x.json").string(),
           "--assume-mounted --calibration " + (folder / "calibrated/calibration.json").string() +
               " --out " + (folder / "run").string());
   EXPECT_EQ(o.code, 0) << o.output;
-  EXPECT_THAT(o.output, HasSubstr("aopit_ray"));
+  EXPECT_THAT(o.output, HasSubstr("5 poses, 0 failed"));
 }
 
 }  // namespace

@@ -43,11 +43,19 @@ TEST_F(Rigs, OfEveryControllerGiveTheSameTables) {
   }
 }
 
-TEST_F(Rigs, WithAGigeCameraGiveTablesAsGood) {
-  const Outcome o = run("scenarios/rigs/gige.json", "gige", "quick/uniaxial_x.json");
+TEST_F(Rigs, WithAGigeCameraGiveTables) {
+  const Outcome o = run("scenarios/rigs/gige.json", "gige");
   ASSERT_EQ(o.code, 0) << o.output;
-  EXPECT_THAT(o.output, HasSubstr("5 poses, 0 failed"));
   EXPECT_THAT(o.output, HasSubstr("Aravis"));
+  // Every image came from the world as it stood: a stale or wrong one would be degrees off. The sensor
+  // is a third as wide as the other rigs', and so is the accuracy.
+  const std::string key = "aopit_ray          total RMSE ";
+  int scenarios = 0;
+  for (auto at = o.output.find(key); at != o.output.npos; at = o.output.find(key, at + 1)) {
+    EXPECT_LT(std::stod(o.output.substr(at + key.size())), 0.1);
+    ++scenarios;
+  }
+  EXPECT_EQ(scenarios, 5);
 }
 
 /// The rig file with an output of its controller wired to the camera.

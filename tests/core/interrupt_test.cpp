@@ -83,5 +83,41 @@ TEST_F(InterruptDeathTest, a_third_ctrl_c_ends_the_program) {
       ::testing::ExitedWithCode(130), "");
 }
 
+TEST(Interrupts, TwoPressesOfCtrlCNeverKillWhateverTheyMean) {
+  EXPECT_EXIT(
+      {
+        set_interrupt_level(0);
+        install_interrupt_handlers();
+        stop_at_first_interrupt();
+        std::raise(SIGINT);
+        if (interrupt_level() != 2) std::_Exit(1);
+        std::raise(SIGINT);
+        std::raise(SIGTERM);
+        if (interrupt_level() != 2) std::_Exit(2);
+        std::_Exit(42);
+      },
+      ::testing::ExitedWithCode(42), "");
+  EXPECT_EXIT(
+      {
+        set_interrupt_level(0);
+        install_interrupt_handlers();
+        for (int i = 0; i < 3; ++i) std::raise(SIGINT);
+        std::_Exit(42);
+      },
+      ::testing::ExitedWithCode(130), "");
+}
+
+TEST(Interrupts, ACtrlCBeforeTheVerbSaidThatItStopsCountsAsWell) {
+  EXPECT_EXIT(
+      {
+        set_interrupt_level(0);
+        install_interrupt_handlers();
+        std::raise(SIGINT);
+        stop_at_first_interrupt();
+        std::_Exit(interrupt_level() == 2 ? 42 : 1);
+      },
+      ::testing::ExitedWithCode(42), "");
+}
+
 }  // namespace
 }  // namespace turntable

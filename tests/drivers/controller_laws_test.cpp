@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <set>
 #include <thread>
 
 #include "drivers/motion.h"
@@ -231,6 +232,23 @@ class OtherThread {
   int nth_, sent_ = 0;
   std::thread thread_;
 };
+
+TEST_P(EveryController, TellsEveryAxisToStopBeforeItTellsOneAgain) {
+  const auto r = rig();
+  r->ready();
+  r->yaw().start(Degrees{28});
+  r->yaw().advance();
+  r->fault({.kind = FaultKind::kSilence, .verb = "stop"});
+  r->controller->stop_all();
+  EXPECT_FALSE(r->anything_moves());
+  std::vector<std::optional<AxisId>> told;
+  for (const auto& request : r->simulator->requests())
+    if (request.kind == "stop") told.push_back(request.axis);
+  ASSERT_GT(told.size(), r->axes.size());  // the first was not heard
+  EXPECT_EQ(
+      std::set(told.begin(), told.begin() + static_cast<std::ptrdiff_t>(r->axes.size())).size(),
+      r->axes.size());
+}
 
 /// On a socketpair, where nothing takes time but what says so.
 class EveryControllerExactly : public EveryController {};

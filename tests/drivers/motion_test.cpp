@@ -35,19 +35,24 @@ class FakePort final : public AxisPort<Degrees> {
   }
   AxisStatus<Degrees> status(Time) override {
     ++reads;
-    const double way = std::clamp(seconds(clock_->now() - began_), 0.0, 1.0);
+    const double way =
+        std::clamp(seconds(clock_->now() - began_) / (never_ends_slowly ? 60.0 : 1.0), 0.0, 1.0);
     const double here = from_ + (to_ - from_) * way + (wobble ? wobble() : 0.0);
     const Motion motion = !tells                    ? Motion::kUnknown
                           : way < 1.0 || never_ends ? Motion::kMoving
                                                     : Motion::kEnded;
+    if (gives_way) throw GaveWay("gave way");
     if (hides_position && way < 1.0) return {std::nullopt, motion};
-    return {Degrees{here}, motion};
+    AxisStatus<Degrees> status{Degrees{here + counter_shift}, motion};
+    status.fault = fault;
+    return status;
   }
   void send_stop(bool immediate) override {
     stops.push_back(immediate ? "immediate" : "decelerating");
     if (immediate || !deaf_to_slow_stops) {
       const double here = status(Time{0}).position.value_or(Degrees{from_}).value;
       from_ = to_ = here;
+      began_ = clock_->now() - std::chrono::minutes{2};  // and is there
     }
   }
 
@@ -57,6 +62,10 @@ class FakePort final : public AxisPort<Degrees> {
   std::vector<std::string> stops;
   Acknowledgement acknowledgement = Acknowledgement::kReceived;
   bool tells = true, never_ends = false, hides_position = false, deaf_to_slow_stops = false;
+  bool gives_way = false;          ///< a stop of another axis waits for the line
+  bool never_ends_slowly = false;  ///< it takes a minute to go anywhere
+  double counter_shift = 0;
+  std::string fault;
   std::function<double()> wobble;
 
  private:
@@ -220,6 +229,65 @@ TEST_F(MotionRules, ApproachesFromAboveWithANegativeOvershoot) {
   EXPECT_THAT(port.sent, ElementsAre(5.5, 5));
   EXPECT_THROW(above.check(Degrees{29.6}), LimitError);
   above.check(Degrees{-30});
+}
+
+// ---- what a stop may and may not believe
+
+TEST_F(MotionRules, KeepsItsReferenceThroughAnOrdinaryStop) {
+  axis.home();
+  axis.start(Degrees{20});
+  axis.advance();
+  axis.stop();
+  EXPECT_TRUE(axis.homed());
+}
+
+TEST_F(MotionRules, LosesItsReferenceIfAStopFindsItWhereItCannotBe) {
+  axis.home();
+  move(20);
+  port.counter_shift = -20;  // the controller was reset: its counter says 0
+  axis.stop();
+  EXPECT_FALSE(axis.homed());
+
+  port.counter_shift = 0;
+  axis.home();
+  axis.start(Degrees{20});
+  axis.advance();
+  port.counter_shift = -200;
+  axis.stop();
+  EXPECT_FALSE(axis.homed());
+}
+
+TEST_F(MotionRules, LosesItsReferenceWithAHaltThatHadNoRamp) {
+  axis.home();
+  port.deaf_to_slow_stops = port.never_ends_slowly = true;
+  axis.start(Degrees{28});
+  axis.advance();
+  axis.stop();
+  EXPECT_THAT(port.stops, ElementsAre("decelerating", "immediate"));
+  EXPECT_FALSE(axis.homed());
+}
+
+TEST_F(MotionRules, LosesItsReferenceWithAnEmergencyStopThatAnybodySaw) {
+  axis.home();
+  port.fault = "the emergency stop is pressed";
+  axis.position();  // a baseline reading, say
+  port.fault.clear();
+  EXPECT_FALSE(axis.homed());
+  EXPECT_THAT(fails<DeviceError>(5), HasSubstr("not homed (the emergency stop is pressed)"));
+  axis.home();
+  EXPECT_FALSE(move(5).missed);
+}
+
+TEST_F(MotionRules, KeepsItsReferenceIfAnotherAxisIsStopped) {
+  axis.home();
+  axis.start(Degrees{20});
+  axis.advance();
+  port.gives_way = true;
+  EXPECT_FALSE(axis.advance());
+  port.gives_way = false;
+  while (!axis.advance()) {
+  }
+  EXPECT_TRUE(axis.homed());
 }
 
 }  // namespace

@@ -37,6 +37,7 @@ class RealTime : public ::testing::Test {
     socket = std::make_unique<sim::TcpSocket>(*simulator, 0);
     serve_in_background({socket.get(), simulator.get()});
     ControllerConfig where;
+    where.model = "zolix-mc600";
     where.line.kind = LineConfig::Kind::kTcp;
     where.line.host = "127.0.0.1";
     where.line.tcp_port = socket->port();

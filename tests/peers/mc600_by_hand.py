@@ -66,6 +66,7 @@ def talk(line):
     say("GoPosition Y,O,A,P,0", "READY")
     heard = []
     while "Y 0,OK" not in heard:
+        assert len(heard) < 100000, "no completion line"
         os.write(line, b"Position? X\r")
         heard.append(hear())
     assert heard.count("POSITION? X,0,OK") >= 1, heard

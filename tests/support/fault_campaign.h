@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -66,16 +67,16 @@ class SimulatedAxes {
     rig.pitch = at(AxisId::kPitch).rotary_axis(AxisId::kPitch);
     rig.simulated = true;
     rig.stop_all = [this] {
-      std::exception_ptr first;
-      for (const auto& controller : controllers) try {
-          controller->stop_all();
-        } catch (...) {
-          if (!first) first = std::current_exception();
-        }
-      if (first) std::rethrow_exception(first);
+      Attempts tried;
+      for (const auto& controller : controllers) controller->forbid_all();
+      for (const auto& controller : controllers) tried([&] { controller->begin_stop_all(); });
+      for (const auto& controller : controllers) tried([&] { controller->finish_stop_all(); });
+      tried.rethrow();
     };
   }
-  const sim::AxisModel& model(AxisId id) const { return simulators[place_.at(id)]->axis(id); }
+  /// The controller that has the axis.
+  std::size_t place(AxisId id) const { return place_.at(id); }
+  const sim::AxisModel& model(AxisId id) const { return simulators[place(id)]->axis(id); }
 
   std::vector<std::unique_ptr<sim::ControllerSimulator>> simulators;
   std::vector<std::unique_ptr<Controller>> controllers;
@@ -123,7 +124,8 @@ class FaultCampaign {
     SimulatedAxes axes(variant_, number, fake.clock);
     axes.connect(fake.rig);
     const auto kinds = sim::all_faults();
-    bool dead_line = false;
+    std::set<std::size_t> deaf,
+        stuck;  ///< controllers that may not hear a stop; with a motor that hangs
     for (int n = 1 + static_cast<int>(draws() % 3); n > 0; --n) {
       sim::Fault fault;
       // A table that stands while its motor turns is beyond what a pulse counter can see.
@@ -135,11 +137,16 @@ class FaultCampaign {
       fault.times = draws.uniform() < 0.1 ? -1 : 1;
       fault.delay_s = draws.uniform(0, 2);
       fault.text = fault.kind == sim::FaultKind::kErrorReply ? refusal() : "";
-      dead_line = dead_line || fault.kind == sim::FaultKind::kUnplugged || fault.times < 0;
+      const std::size_t where = draws() % axes.simulators.size();
+      const bool silent =
+          fault.kind == sim::FaultKind::kSilence || fault.kind == sim::FaultKind::kErrorReply;
+      if (fault.kind == sim::FaultKind::kUnplugged || (silent && fault.times < 0))
+        deaf.insert(where);
+      if (fault.kind == sim::FaultKind::kStuckAxis) stuck.insert(where);
       outcome.faults +=
           fmt::format("{} on \"{}\" {} x {} after {:.3f} s; ", sim::fault_name(fault.kind),
                       fault.verb, fault.nth, fault.times, fault.delay_s);
-      axes.simulators[draws() % axes.simulators.size()]->add_fault(fault);
+      axes.simulators[where]->add_fault(fault);
     }
     std::size_t pose = 0;
     fake.camera.on_trigger = [&] {
@@ -167,13 +174,15 @@ class FaultCampaign {
     }
     if (read_run(run_folder).torn) broken("the journal is torn");
     if (seconds(fake.clock.now()) > 3600) broken("it took hours");
-    // On a dead line nobody can stop an axis: it ends its move by itself.
-    if (dead_line) fake.clock.sleep_for(std::chrono::seconds{60});
+    // Who cannot be told to stop ends his move by himself; all others stand by now.
+    const Time ended = fake.clock.now();
+    if (!deaf.empty()) fake.clock.sleep_for(std::chrono::seconds{60});
     for (const AxisId id : kAllAxes) {
       const sim::AxisModel& model = axes.model(id);
       const AxisConfig& axis = rig_file_.axis(id);
+      const std::size_t controller = axes.place(id);
       const Time now = fake.clock.now();
-      if (model.moving(now) && outcome.faults.find("stuck_axis") == std::string::npos)
+      if (model.moving(deaf.contains(controller) ? now : ended) && !stuck.contains(controller))
         broken(fmt::format("{} still moves", axis_name(id)));
       if (model.lowest(now) < axis.lower || model.highest(now) > axis.upper)
         broken(fmt::format("{} was between {} and {}", axis_name(id), model.lowest(now),
