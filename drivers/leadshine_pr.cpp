@@ -22,6 +22,7 @@ using Words = std::vector<std::uint16_t>;
 constexpr std::uint16_t kStatus = 0x1003;
 constexpr Time kIdentify = std::chrono::milliseconds{100};
 constexpr int kIdentifiedSlaves = 8;
+constexpr Time kPositionEvery = std::chrono::milliseconds{200};
 constexpr std::uint16_t kAlarm = 0x2203;
 constexpr std::uint16_t kTrigger = 0x6002;
 constexpr std::uint16_t kStopRamp = 0x6017;
@@ -113,6 +114,7 @@ struct Drive {
   std::uint16_t rpm = 0, ramp_ms = 0;
   std::vector<Setting> settings;  ///< by rising address, as neighbours are read at once
   bool homing = false;            ///< asked to home, and not yet seen to have done it
+  Time seen_at{0};                ///< when its position was last read
   bool home_begun = false;        ///< its home-done bit is no longer of an earlier time
 };
 
@@ -208,8 +210,8 @@ class LeadshinePr final : public AxisController {
 
  private:
   Drive& drive(const Channel& channel) { return drives_[channel.index]; }
-  template <class F>
-  auto said(const std::string& who, const std::string& what, F&& exchange);
+  template <class Who, class What, class F>
+  auto said(Who&& who, What&& what, F&& exchange);
   Words read(const Channel& channel, std::uint16_t address, int words, Time deadline = Time::max());
   void write(const std::string& who, int slave, std::uint16_t address,
              std::span<const std::uint16_t> values);
@@ -237,14 +239,15 @@ LeadshinePr::LeadshinePr(ControllerSetup setup)
 // ---- exchanges
 
 /// Gives a refusal the name of what was refused; a request that arrived spoilt may be said again.
-template <class F>
-auto LeadshinePr::said(const std::string& who, const std::string& what, F&& exchange) {
+/// @param who, what make the words for it; polling must not make words that nobody reads.
+template <class Who, class What, class F>
+auto LeadshinePr::said(Who&& who, What&& what, F&& exchange) {
   const auto guard = lock();
   try {
     return exchange();
   } catch (const ModbusException& refusal) {
     const std::string message =
-        fmt::format("{}: {} was refused with exception {:02X}: {}.", who, what, refusal.code(),
+        fmt::format("{}: {} was refused with exception {:02X}: {}.", who(), what(), refusal.code(),
                     exception_meaning(refusal.code()));
     if (refusal.code() == kBadCrc) throw ProtocolError(message);
     throw DeviceError(message);
@@ -254,7 +257,8 @@ auto LeadshinePr::said(const std::string& who, const std::string& what, F&& exch
 Words LeadshinePr::read(const Channel& channel, std::uint16_t address, int words, Time deadline) {
   const int slave = drive(channel).slave;
   return retried(deadline, [&] {
-    return said(where(channel), fmt::format("reading register 0x{:04X}", address),
+    return said([&] { return where(channel); },
+                [&] { return fmt::format("reading register 0x{:04X}", address); },
                 [&] { return master_.read_holding(slave, address, words); });
   });
 }
@@ -263,7 +267,11 @@ Words LeadshinePr::read(const Channel& channel, std::uint16_t address, int words
 void LeadshinePr::write(const std::string& who, int slave, std::uint16_t address,
                         std::span<const std::uint16_t> values) {
   retried(Time::max(), [&] {
-    said(who, fmt::format("writing 0x{:04X} to register 0x{:04X}", fmt::join(values, " "), address),
+    said([&] { return who; },
+         [&] {
+           return fmt::format("writing 0x{:04X} to register 0x{:04X}", fmt::join(values, " "),
+                              address);
+         },
          [&] {
            if (values.size() == 1)
              master_.write_register(slave, address, values[0]);
@@ -275,7 +283,8 @@ void LeadshinePr::write(const std::string& who, int slave, std::uint16_t address
 
 Acknowledgement LeadshinePr::trigger(const Channel& channel, std::uint16_t value) {
   try {
-    said(where(channel), fmt::format("writing 0x{:04X} to register 0x{:04X}", value, kTrigger),
+    said([&] { return where(channel); },
+         [&] { return fmt::format("writing 0x{:04X} to register 0x{:04X}", value, kTrigger); },
          [&] { master_.write_register(drive(channel).slave, kTrigger, value); });
     return Acknowledgement::kReceived;
   } catch (const TimeoutError&) {
@@ -374,10 +383,15 @@ bool LeadshinePr::referenced(const Channel& channel) {
 AxisStatus<Steps> LeadshinePr::status(const Channel& channel, Time deadline) {
   // In this order: a drive that has ended stands where it is then asked to be.
   const unsigned word = read(channel, kStatus, 1, deadline)[0];
-  const Words position = read(channel, kPosition, 2, deadline);
   const bool running = (word & kRunning) != 0, home_done = (word & kHomeDone) != 0;
   AxisStatus<Steps> status;
-  status.position = Steps{static_cast<std::int32_t>(joined(position[0], position[1]))};
+  // On the way the position serves the watchdog alone, and the line is busy enough.
+  if (Drive& seen = drive(channel); !running || clock().now() - seen.seen_at >= kPositionEvery) {
+    const Words position = read(channel, kPosition, 2, deadline);
+    status.position = Steps{static_cast<std::int32_t>(joined(position[0], position[1]))};
+    const auto guard = lock();
+    seen.seen_at = clock().now();
+  }
   if ((word & kFault) != 0) {
     const int alarm = read(channel, kAlarm, 1, deadline)[0];
     status.fault = fmt::format(

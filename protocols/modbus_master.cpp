@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <unordered_map>
 
 namespace turntable {
 namespace {
@@ -72,11 +73,18 @@ class ModbusMaster::Context {
   Context(const Context&) = delete;
   Context& operator=(const Context&) = delete;
 
-  /// The bytes of a request.
-  std::string frame(int slave, const std::string& pdu) {
+  /// The bytes of a request. Polling asks for the same ones over and over.
+  const std::string& frame(int slave, const std::string& pdu) {
     std::string raw(1, static_cast<char>(slave));
     raw += pdu;
     modbus_set_slave(modbus_, slave);
+    if (frames_.size() > kFramesKept) frames_.clear();
+    std::string& kept = frames_[raw];
+    if (kept.empty()) kept = made(raw);
+    return kept;
+  }
+
+  std::string made(const std::string& raw) {
     std::array<char, MODBUS_MAX_ADU_LENGTH> bytes;
     ssize_t n = -1;
     if (modbus_send_raw_request(modbus_, reinterpret_cast<const std::uint8_t*>(raw.data()),
@@ -94,17 +102,21 @@ class ModbusMaster::Context {
     if (::send(ends_[1], frame.data(), frame.size(), MSG_NOSIGNAL) ==
         static_cast<ssize_t>(frame.size()))
       n = modbus_receive_confirmation(modbus_, answer.data());
-    std::array<char, MODBUS_MAX_ADU_LENGTH> rest;
-    while (::recv(ends_[0], rest.data(), rest.size(), MSG_DONTWAIT) > 0) {
+    if (n != static_cast<int>(frame.size())) {  // nothing may be left for the next frame
+      std::array<char, MODBUS_MAX_ADU_LENGTH> rest;
+      while (::recv(ends_[0], rest.data(), rest.size(), MSG_DONTWAIT) > 0) {
+      }
+      return {};
     }
-    if (n != static_cast<int>(frame.size())) return {};
     const std::size_t crc = header_ == 1 ? 2 : 0;
     return {reinterpret_cast<const char*>(answer.data()) + header_, frame.size() - header_ - crc};
   }
 
  private:
+  static constexpr std::size_t kFramesKept = 64;
   modbus_t* modbus_;
   std::size_t header_;  ///< bytes before the PDU
+  std::unordered_map<std::string, std::string> frames_;
   std::array<int, 2> ends_{-1, -1};
 };
 
@@ -184,8 +196,9 @@ std::string ModbusMaster::exchange(const std::string& pdu, int slave, std::size_
   const int function = byte_at(pdu, 0);
   std::string received;
   std::array<char, 512> buffer;
-  for (;;) {
-    if (const std::size_t n = line_.read_available(buffer, clock_->now()); n > 0) {
+  for (bool waited = false;; waited = true) {
+    const std::size_t n = waited ? line_.read_available(buffer, clock_->now()) : 0;
+    if (n > 0) {
       received.append(buffer.data(), n);
       const std::string answer = answer_in(received, function, slave, answer_bytes);
       if (answer.empty()) continue;

@@ -94,7 +94,7 @@ void PtyExchange(benchmark::State& state, const ControllerVariant& variant) {
 
 /// A pose of a campaign: three axes, 5 deg or 5 mm further each, overshoot and settling included.
 void SimulatedPose(benchmark::State& state, const ControllerVariant& variant) {
-  SimulatedController rig(variant);
+  SimulatedController rig(variant, Transport::kSocketPair, {}, {}, 1, false);
   rig.ready();
   int k = 0;
   const Time before = rig.clock.now();

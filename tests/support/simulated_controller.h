@@ -77,18 +77,20 @@ inline std::vector<AxisConfig> axes_of(const std::string& model) {
 
 struct SimulatedController {
   /// @param real how the simulated controller is set up; by default like the rig file.
+  /// @param recorded false: nothing is noted or counted, for benchmarks on a socketpair.
   explicit SimulatedController(const ControllerVariant& variant,
                                Transport transport = Transport::kSocketPair,
                                std::vector<AxisConfig> real = {},
-                               std::map<AxisId, AxisTruth> truth = {}, std::uint64_t seed = 1)
-      : transport_(transport), axes(axes_of(variant.model)) {
+                               std::map<AxisId, AxisTruth> truth = {}, std::uint64_t seed = 1,
+                               bool recorded = true)
+      : transport_(transport), axes(axes_of(variant.model)), recorded_(recorded) {
     config.name = "mc1";
     config.model = variant.model;
     config.answers_while_moving = variant.answers_while_moving;
     if (variant.gateway) config.line.kind = LineConfig::Kind::kModbusTcp;
     sim::SimulatorSetup setup{real.empty() ? axes : real, std::move(truth), seed, config};
     simulator = sim::simulate_controller(variant.model, setup);
-    simulator->note_requests();
+    if (recorded_) simulator->note_requests();
     clock.attach(*simulator);
     clock.set_in_flight([this] { return in_flight(); });
     reconnect();
@@ -105,13 +107,15 @@ struct SimulatedController {
     near_sent = near_received = far_sent = far_received = 0;
     auto [near, far] = ends();
     near_descriptor_ = near.descriptor();
-    near.set_log([this, record = wire.log()](Direction d, std::string_view bytes, Time t) {
-      (d == Direction::kSent ? near_sent : near_received) += bytes.size();
-      record(d, bytes, t);
-    });
-    far.set_log([this](Direction d, std::string_view bytes, Time) {
-      (d == Direction::kSent ? far_sent : far_received) += bytes.size();
-    });
+    if (recorded_)
+      near.set_log([this, record = wire.log()](Direction d, std::string_view bytes, Time t) {
+        (d == Direction::kSent ? near_sent : near_received) += bytes.size();
+        record(d, bytes, t);
+      });
+    if (recorded_)
+      far.set_log([this](Direction d, std::string_view bytes, Time) {
+        (d == Direction::kSent ? far_sent : far_received) += bytes.size();
+      });
     simulator->plug(std::move(far));
     controller = open_controller({config, axes, std::move(near), &clock});
   }
@@ -177,6 +181,7 @@ struct SimulatedController {
            near_received + static_cast<std::size_t>(waiting) != far_sent;
   }
   int near_descriptor_ = -1;
+  bool recorded_;
 };
 
 }  // namespace turntable
