@@ -258,9 +258,11 @@ int stop_command(const HandArguments& a) {
       trouble += fmt::format("{}{}: {}", trouble.empty() ? "" : "\n", what, e.what());
     }
   };
-  for (const ControllerConfig& controller : file.controllers)
-    tried(controller.name, [&] {
-      if (const auto holder = order_stop(controller.line, kStopTimeout))
+  std::vector<StopOrder> orders;  // all are given before one is waited for
+  for (const ControllerConfig& controller : file.controllers) orders.emplace_back(controller.line);
+  for (std::size_t i = 0; i < orders.size(); ++i)
+    tried(file.controllers[i].name, [&] {
+      if (const auto holder = orders[i].wait(kStopTimeout))
         fmt::print("{}: {} was told to stop and has let go\n", holder->line, holder->who);
     });
   const std::vector<ControllerConfig> all = file.controllers;

@@ -40,6 +40,7 @@ class Descriptor {
     if (fd_ >= 0) ::close(fd_);
   }
   int get() const { return fd_; }
+  int* address() { return &fd_; }
 
  private:
   int fd_;
@@ -209,20 +210,26 @@ std::vector<LineHolder> line_holders(const RigFile& rig) {
   return holders;
 }
 
-std::optional<LineHolder> order_stop(const LineConfig& line, milliseconds timeout) {
+StopOrder::StopOrder(const LineConfig& line) {
   const std::string id = line_id(line);
-  const auto fd = id.empty() ? std::nullopt : call(id, "stop\n");
-  if (!fd) return std::nullopt;
-  const LineHolder holder{id, answer_of(fd->get())};
-  if (fd->get() < 0) throw NotStopped(fmt::format("{} has {}.", holder.who, id));
-  // The connection ends when the line is let go, and that is after the axes have been stopped.
+  auto fd = id.empty() ? std::nullopt : call(id, "stop\n");
+  if (!fd) return;
+  holder_ = LineHolder{id, answer_of(fd->get())};
+  auto owner = std::make_shared<Descriptor>(std::move(*fd));
+  connection_ = std::shared_ptr<int>(owner, owner->address());
+}
+
+std::optional<LineHolder> StopOrder::wait(milliseconds timeout) const {
+  if (!holder_) return std::nullopt;
+  if (*connection_ < 0) throw NotStopped(fmt::format("{} has {}.", holder_->who, holder_->line));
   const auto end = steady_clock::now() + timeout;
   for (char byte = 0;;) {
     const auto left = std::chrono::duration_cast<milliseconds>(end - steady_clock::now());
-    if (left <= milliseconds{0} || !readable(fd->get(), left))
+    if (left <= milliseconds{0} || !readable(*connection_, left))
       throw NotStopped(fmt::format("{} was told to stop and still has {} after {:.0f} s.",
-                                   holder.who, id, std::chrono::duration<double>(timeout).count()));
-    if (::recv(fd->get(), &byte, 1, 0) <= 0) return holder;  // closed, or reset: he is gone
+                                   holder_->who, holder_->line,
+                                   std::chrono::duration<double>(timeout).count()));
+    if (::recv(*connection_, &byte, 1, 0) <= 0) return holder_;  // closed, or reset: he is gone
   }
 }
 

@@ -44,8 +44,18 @@ std::vector<LineHolder> line_holders(const RigFile& rig);
 /// The same for one serial port or "host:port"; nothing if it is free.
 std::optional<LineHolder> line_holder(const std::string& line);
 
-/// Orders whoever has a line to stop its axes, and waits until he has let go. @return who it was;
-/// nothing if the line is free. @throws NotStopped if he still holds on, or does not answer.
-std::optional<LineHolder> order_stop(const LineConfig& line, std::chrono::milliseconds timeout);
+/// An order to stop, to whoever has a line.
+class StopOrder {
+ public:
+  /// Gives it. To nobody if the line is free.
+  explicit StopOrder(const LineConfig& line);
+  /// Waits until he has let go, which is after his axes have been stopped. @return who it was; nothing
+  /// if the line was free. @throws NotStopped if he still holds on, or does not answer.
+  std::optional<LineHolder> wait(std::chrono::milliseconds timeout) const;
+
+ private:
+  std::optional<LineHolder> holder_;
+  std::shared_ptr<int> connection_;  ///< -1 if he does not answer
+};
 
 }  // namespace turntable
