@@ -243,11 +243,14 @@ class Acquisition {
         summary_.trigger_s += seconds(rig_.clock->now() - began);
         return frame;
       } catch (const TimeoutError& e) {
-        if (attempt >= rig_file_.camera.retries)
+        if (attempt >= rig_file_.camera.retries) {
+          std::string why = e.what();
+          if (why.ends_with('.')) why.pop_back();
           throw TimeoutError(
               fmt::format("camera: no frame at pose {} after {} triggers: {}. Check its cable, its "
                           "light and the trigger line.",
-                          pose.index, attempt + 1, e.what()));
+                          pose.index, attempt + 1, why));
+        }
         ++summary_.trigger_retries;
       }
     }
