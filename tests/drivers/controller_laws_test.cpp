@@ -35,11 +35,10 @@ struct Law {
 
 void PrintTo(const Law& law, std::ostream* out) { *out << law.name(); }
 
-template <std::size_t N>
-std::vector<Law> laws_over(const std::array<Transport, N>& transports) {
+std::vector<Law> all_laws() {
   std::vector<Law> laws;
   for (const ControllerVariant& controller : all_controllers())
-    for (const Transport transport : transports) laws.push_back({controller, transport});
+    for (const Transport transport : kAllTransports) laws.push_back({controller, transport});
   return laws;
 }
 
@@ -122,6 +121,14 @@ TEST_P(EveryController, ArrivesToThePulse) {
     EXPECT_NEAR(r->truth(AxisId::kYaw), yaw.position.value, 1e-6);
     EXPECT_NEAR(r->truth(AxisId::kStage), stage.position.value, 1e-6);
   }
+  // Relative moves: from where the controller says it stands.
+  r->move(r->yaw(), 0);
+  for (const double by : {12.5, -0.25, kPulse_deg, -20.0, 0.5, -3 * kPulse_deg}) {
+    const double from = r->yaw().position().value;
+    const Arrival<Degrees> yaw = r->move(r->yaw(), from + by);
+    EXPECT_NEAR(yaw.position.value - from, by, 1e-9) << by;
+    EXPECT_NEAR(r->truth(AxisId::kYaw), from + by, 1e-6) << by;
+  }
 }
 
 TEST_P(EveryController, ApproachesFromOneSideWithEachCommandSentOnce) {
@@ -171,7 +178,8 @@ TEST_P(EveryController, MovesIndependentAxesAtTheSameTime) {
       std::max({r->yaw().move_seconds({0}, {25}), r->roll().move_seconds({0}, {-20}),
                 r->stage().move_seconds({0}, {50})});
   if (GetParam().controller.answers_while_moving)
-    EXPECT_LT(took, longest + 0.8);
+    // A ZC300 misses a request at each end, and the last of them costs a reply timeout.
+    EXPECT_LT(took, longest + 0.6 + (model() == "zolix-zc300" ? 0.2 : 0.0));
   else  // it hears nothing while one of its axes moves: one after the other
     EXPECT_LT(took, 2.5 * longest + 2.0);
 }
@@ -250,10 +258,7 @@ TEST_P(EveryController, TellsEveryAxisToStopBeforeItTellsOneAgain) {
       r->axes.size());
 }
 
-/// On a socketpair, where nothing takes time but what says so.
-class EveryControllerExactly : public EveryController {};
-
-TEST_P(EveryControllerExactly, AStopFromAnotherThreadGoesOutWithinOnePollInterval) {
+TEST_P(EveryController, AStopFromAnotherThreadGoesOutWithinOnePollInterval) {
   for (int nth = 1; nth <= 25; ++nth) {
     const auto r = rig();
     r->ready();
@@ -459,11 +464,6 @@ TEST_P(EveryController, NoticesThatItIsHeldByALimitSwitch) {
 }
 
 std::string law_name(const ::testing::TestParamInfo<Law>& law) { return law.param.name(); }
-INSTANTIATE_TEST_SUITE_P(Catalogue, EveryController, ::testing::ValuesIn(laws_over(kAllTransports)),
-                         law_name);
-INSTANTIATE_TEST_SUITE_P(Catalogue, EveryControllerExactly,
-                         ::testing::ValuesIn(laws_over(std::array{Transport::kSocketPair})),
-                         law_name);
-
+INSTANTIATE_TEST_SUITE_P(Catalogue, EveryController, ::testing::ValuesIn(all_laws()), law_name);
 }  // namespace
 }  // namespace turntable

@@ -224,7 +224,7 @@ TEST_P(LeadshineFaults, AStuckAxisIsNoticedByTheWatchdog) {
   rig.fault({.kind = FaultKind::kStuckAxis, .verb = kRun, .delay_s = 0.3});
   const Time before = rig.clock.now();
   EXPECT_THAT(fails_to_move<TimeoutError>(), HasSubstr("stalled at"));
-  EXPECT_LT(seconds(rig.clock.now() - before), 0.3 + 1.5);
+  EXPECT_LT(seconds(rig.clock.now() - before), 0.3 + 1.3);
   EXPECT_FALSE(rig.yaw().homed());
 }
 
