@@ -251,7 +251,6 @@ void MotionAxis<Q>::start(Q target) {
     move_.goal = goal_on_grid(target);
     move_.generation = generation;
     if (same_pulse(from, move_.goal) && (approach_known_ || config_.backlash == 0.0)) {
-      check_trouble(status, 0.0);
       phase_ = Phase::kArrived;
       left_at_ = from;
       return;
