@@ -51,7 +51,8 @@ TEST(Spots, CutByTheBorderAreRejectedAndCounted) {
     for (int u = 0; u < 10; ++u) image.row(v)[u] = 200;
   const SpotSearch search = find_spots(image);
   EXPECT_TRUE(search.spots.empty());
-  EXPECT_EQ(search.rejected, 1);
+  EXPECT_EQ(search.rejected.border, 1);
+  EXPECT_EQ(search.rejected.total(), 1);
 }
 
 TEST(Spots, SayWhenTheyAreSaturated) {
