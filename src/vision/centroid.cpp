@@ -129,7 +129,9 @@ std::optional<Centroid> windowed_centroid(ImageView image, const Component& comp
   const Eigen::Matrix2d inverse = J.inverse();
   Centroid out;
   out.centre_px = c + Eigen::Vector2d(box.left, box.top);
-  out.sigma_px = std::sqrt(0.5 * (inverse * V * inverse).trace());
+  const bool clipped = component.extreme == (bright ? 255 : 0);
+  out.sigma_px =
+      std::hypot(std::sqrt(0.5 * (inverse * V * inverse).trace()), clipped ? kClippedSigmaPx : 0.0);
   out.noise_grey = std::sqrt(ground.variance);
   out.contrast_grey = light / weights;
   out.snr = light / std::sqrt(light_variance);

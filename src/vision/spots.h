@@ -18,8 +18,8 @@ struct Spot {
   double peak_grey = 0.0;
   int area_px = 0;
   double snr = 0.0;  ///< light in the centroid's window against its own standard deviation
-  /// Some pixels at 255. `sigma_px` is an upper bound then as long as the sensor only clips; what a
-  /// sensor does beyond that (blooming) is in no uncertainty.
+  /// Some pixels at 255. `sigma_px` is larger then by what clipping does (kClippedSigmaPx); what a
+  /// sensor does beyond clipping (blooming) is in no uncertainty.
   bool saturated = false;
   PixelBox box;
 };
