@@ -16,12 +16,12 @@
 // of the component's box, widened; noise its standard deviation, rounding to whole greys included;
 // K electrons per grey level; area of the component, px^2.
 // Domain: a centrally symmetric spot (for which c is unbiased) on even ground, alone in the widened
-// box. A light beside it draws c towards itself by more than the uncertainty says. Ground that is
-// clipped at 0 shows less noise than the spot has. A clipped spot has edges sharper than its optics
-// make them, whose place between the pixels moves c: kClippedSigmaPx is added in quadrature, which
-// holds to three times white (measured on simulated spots, where a spot of 1.2 times white has half
-// of it); pixels at 255 count with the noise they would have below. Below 0.5 grey of noise rounding
-// is no longer random, and the error up to 1.4 times what the formula says.
+// box. A light beside it draws c towards itself by more than the uncertainty says. Ground clipped at 0
+// shows less noise than the spot has (noise of 10 on ground of 12: errors are 1.1 times what is said).
+// A clipped spot has edges sharper than its optics make them, whose place between the pixels moves c:
+// kClippedSigmaPx is added in quadrature, which holds up to three times white and is plenty below;
+// pixels at 255 count with the noise they would have there. Below 0.5 grey of noise rounding is no
+// longer random, and the error up to 1.4 times what is said. All measured on simulated spots.
 #pragma once
 
 #include <Eigen/Core>
