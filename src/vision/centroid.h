@@ -11,7 +11,8 @@
 // Window: the a that makes cov c least is the standard deviation s of a Gaussian spot, where the
 // estimate reaches the Cramer-Rao bound, and R / sqrt 2 of a sharp disc of radius R. With the area
 // above a threshold of 0.3 to 0.5 of the peak, area / (2 pi) is 0.7 to 1.2 s^2 of the one and R^2 / 2
-// of the other; between them the bound is missed by a few per cent only.
+// of the other. In white noise the bound is missed by 4 % at most if the radius is below three times the
+// blur, by 11 % at four and by 26 % at 5.6 (a disc of 5 px, blur 0.9 px), where a fit of edges is better.
 // Symbols: x_i pixel, px; g_i = sign (grey - ground), grey levels, ground being the mean of the rim
 // of the component's box, widened; noise its standard deviation, rounding to whole greys included;
 // K electrons per grey level; area of the component, px^2.
