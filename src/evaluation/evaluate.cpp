@@ -56,7 +56,9 @@ std::vector<Vector2d> spot_centres(const TakenImage& taken, const Setting& s) {
               "Calibrate again at this size.",
               image.width, image.height, s.calibration.irt.image_size().width,
               s.calibration.irt.image_size().height));
-    for (const Spot& spot : find_spots(image).spots) centres.push_back(spot.centre_px);
+    const SpotSearch search =
+        find_spots(image, {.electrons_per_grey = s.rig.camera.electrons_per_grey});
+    for (const Spot& spot : search.spots) centres.push_back(spot.centre_px);
   } else if (taken.spots) {
     for (const TakenSpot& spot : *taken.spots) centres.emplace_back(spot.u_px, spot.v_px);
   }
