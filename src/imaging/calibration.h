@@ -68,6 +68,8 @@ struct Calibration {
 
   /// The central model of that kind ("pinhole", "brown", "rational", "fisheye"), or nullptr.
   const CentralModel* find_central(std::string_view name) const;
+  /// The one that takes distortion out: "brown", else "rational", else "fisheye", or nullptr.
+  const CentralModel* undistorting() const;
 };
 
 /// As JSON text, ready to be written.

@@ -85,11 +85,12 @@ std::string calibration_text(const Calibration& c) {
       "The rays pass nearest to ({:.2f}, {:.2f}, {:.2f}) mm, {:.3f} mm rms apart: that is how "
       "central the lens is.\n\n",
       centre.x(), centre.y(), centre.z(), spread);
-  if (c.pinhole && c.pinhole_distorted)
-    md += fmt::format(
-        "Pinhole baselines ({} views): without distortion {:.3f} px rms, with distortion {:.4f} px "
-        "rms.\n\n",
-        c.pinhole->views, c.pinhole->rms_px, c.pinhole_distorted->rms_px);
+  if (!c.central.empty()) {
+    md += "Central models, reprojection residual of their fit:";
+    for (const CentralModel& m : c.central)
+      md += fmt::format(" `{}` {:.4f} px rms ({} views)", central_name(m.kind), m.rms_px, m.views);
+    md += ".\n\n";
+  }
   for (const PlanePoint& p : c.outliers)
     md += fmt::format("Outlier: circle ({}, {}) on the plane at {:.3f} mm.\n", p.column, p.row,
                       p.z_mm);
