@@ -58,7 +58,8 @@ OrderedJson to_json(const CentralModel& m) {
           {"views", m.views},
           {"tied_to_plane", m.tied_to_plane},
           {"R_plane_from_camera", rows},
-          {"centre_mm", {m.centre_mm.x(), m.centre_mm.y(), m.centre_mm.z()}}};
+          {"centre_mm", {m.centre_mm.x(), m.centre_mm.y(), m.centre_mm.z()}},
+          {"lean", pair(m.lean)}};
 }
 
 /// `place`: its JSON pointer in file `name`.
@@ -81,6 +82,7 @@ CentralModel central_from(const Json& j, ImageSize size, const std::string& name
   m.rms_px = j.at("rms_px");
   m.views = j.at("views");
   m.tied_to_plane = j.at("tied_to_plane");
+  m.lean = pair(j.at("lean"));
   for (Eigen::Index i = 0; i < 3; ++i) {
     const Json& row = j.at("R_plane_from_camera").at(static_cast<std::size_t>(i));
     m.R_plane_from_camera.row(i) << row.at(0).get<double>(), row.at(1).get<double>(),

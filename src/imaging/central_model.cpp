@@ -2,7 +2,9 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/Cholesky>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <opencv2/calib3d.hpp>
@@ -92,10 +94,11 @@ Vector2d undistort_fisheye(const std::vector<double>& k, const Vector2d& distort
   return distorted * (std::tan(theta) / theta_d);
 }
 
-/// R_plane_from_camera and the centre from all points with known heights together.
+/// R_plane_from_camera, centre and lean from all points with known heights together.
 void tie_to_plane(CentralModel& model, std::span<const PatternView> views) {
   std::vector<cv::Point3d> object;
   std::vector<cv::Point2d> tangents;
+  double lowest_mm = INFINITY, highest_mm = -INFINITY;
   for (const PatternView& view : views) {
     if (!view.at_zero) continue;
     for (std::size_t i = 0; i < view.pixels_px.size(); ++i) {
@@ -103,6 +106,8 @@ void tie_to_plane(CentralModel& model, std::span<const PatternView> views) {
       if (!t.allFinite()) continue;
       object.emplace_back(view.on_pattern_mm[i].x(), view.on_pattern_mm[i].y(), view.z_mm);
       tangents.emplace_back(t.x(), t.y());
+      lowest_mm = std::min(lowest_mm, view.z_mm);
+      highest_mm = std::max(highest_mm, view.z_mm);
     }
   }
   model.tied_to_plane = object.size() >= kFewestPoints;
@@ -111,16 +116,45 @@ void tie_to_plane(CentralModel& model, std::span<const PatternView> views) {
     model.centre_mm = Vector3d::Zero();
     return;
   }
-  const cv::Matx33d identity = cv::Matx33d::eye();
   cv::Vec3d rotation, translation;
-  cv::solvePnP(object, tangents, identity, cv::noArray(), rotation, translation);
-  cv::solvePnPRefineLM(
-      object, tangents, identity, cv::noArray(), rotation, translation,
-      cv::TermCriteria(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 100, 1e-14));
-  model.R_plane_from_camera =
-      rotation_from_vector({rotation[0], rotation[1], rotation[2]}).transpose();
-  model.centre_mm =
-      -(model.R_plane_from_camera * Vector3d(translation[0], translation[1], translation[2]));
+  cv::solvePnP(object, tangents, cv::Matx33d::eye(), cv::noArray(), rotation, translation);
+  Matrix3d R = rotation_from_vector({rotation[0], rotation[1], rotation[2]});  // camera from plane
+  Vector3d t(translation[0], translation[1], translation[2]);
+
+  // Gauss-Newton over (omega, t, lean), R <- exp(omega) R; from a solution without the lean it is
+  // there after three steps.
+  const bool find_lean = highest_mm > lowest_mm;
+  for (int step = 0; step < 10; ++step) {
+    Eigen::Matrix<double, 8, 8> N = Eigen::Matrix<double, 8, 8>::Zero();
+    Eigen::Matrix<double, 8, 1> g = Eigen::Matrix<double, 8, 1>::Zero();
+    for (std::size_t i = 0; i < object.size(); ++i) {
+      const double z = object[i].z;
+      const Vector3d turned =
+          R * Vector3d(object[i].x + model.lean.x() * z, object[i].y + model.lean.y() * z, z);
+      const Vector3d p = turned + t;
+      Eigen::Matrix<double, 3, 8> J;
+      J << 0, turned.z(), -turned.y(), 1, 0, 0, R(0, 0) * z, R(0, 1) * z,  //
+          -turned.z(), 0, turned.x(), 0, 1, 0, R(1, 0) * z, R(1, 1) * z,   //
+          turned.y(), -turned.x(), 0, 0, 0, 1, R(2, 0) * z, R(2, 1) * z;
+      if (!find_lean) J.rightCols<2>().setZero();
+      const std::array<double, 2> miss{tangents[i].x - p.x() / p.z(),
+                                       tangents[i].y - p.y() / p.z()};
+      for (Eigen::Index k = 0; k < 2; ++k) {
+        const Eigen::Matrix<double, 8, 1> row =
+            ((J.row(k) - p(k) / p.z() * J.row(2)) / p.z()).transpose();
+        N += row * row.transpose();
+        g += row * miss[static_cast<std::size_t>(k)];
+      }
+    }
+    if (!find_lean) N.bottomRightCorner<2, 2>().setIdentity();
+    const Eigen::Matrix<double, 8, 1> change = N.ldlt().solve(g);
+    R = rotation_from_vector(change.head<3>()) * R;
+    t += change.segment<3>(3);
+    model.lean += change.tail<2>();
+    if (change.head<3>().norm() < 1e-14) break;
+  }
+  model.R_plane_from_camera = nearest_rotation(R.transpose());
+  model.centre_mm = -(model.R_plane_from_camera * t);
 }
 
 }  // namespace
@@ -168,7 +202,7 @@ Ray CentralModel::ray(const Vector2d& pixel_px, const RayPlanes& planes) const {
   const Vector3d direction = R_plane_from_camera * normalise(pixel_px).homogeneous();
   const Vector2d slope = direction.head<2>() / direction.z();
   const auto at = [&](double z_mm) -> Vector2d {
-    return centre_mm.head<2>() + slope * (z_mm - centre_mm.z());
+    return centre_mm.head<2>() + slope * (z_mm - centre_mm.z()) - lean * z_mm;
   };
   return {at(planes.a_mm), at(planes.b_mm)};
 }

@@ -42,6 +42,10 @@ struct CentralModel {
   int views = 0;
   Matrix3d R_plane_from_camera = Matrix3d::Identity();
   Vector3d centre_mm = Vector3d::Zero();  ///< of the camera, in the plane frame
+  /// What the stage moves along x and y of the pattern per mm of height: its travel is not exactly
+  /// normal to the pattern. Coordinates in the plane frame move with the pattern, as those of
+  /// `IrtModel` do: (x, y) at height z stands at (x, y) + lean z. Zero if views at one height only.
+  Vector2d lean = Vector2d::Zero();
   /// False: no view tied the camera to the plane frame, which is then the camera frame turned over
   /// (x right, y up, z towards the camera, origin in the camera's centre).
   bool tied_to_plane = false;
@@ -64,8 +68,9 @@ struct PatternView {
 };
 
 /// Intrinsics and distortion by OpenCV (Zhang, A flexible new technique for camera calibration,
-/// IEEE TPAMI 22 (2000) 1330-1334) from all views; then R_plane_from_camera and centre_mm by least
-/// squares in pixels over all points of the views at zero angles together.
+/// IEEE TPAMI 22 (2000) 1330-1334) from all views; then R_plane_from_camera, centre_mm and lean by
+/// least squares in tangents over all points of the views at zero angles together. Without the lean,
+/// a stage that is not square would turn R with it, and attitudes by 0.01 deg per 0.02 deg.
 /// @throws Error with fewer than three views, a view of fewer than six points, or points from which
 /// OpenCV finds no camera.
 CentralModel fit_central(CentralKind kind, std::span<const PatternView> views, ImageSize size);

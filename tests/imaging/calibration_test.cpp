@@ -63,6 +63,7 @@ CentralModel central(CentralKind kind) {
   m.views = 15;
   m.R_plane_from_camera = rotation_from_vector({3.1, 0.01, -0.02});
   m.centre_mm = {43.49, -12.67, 700.45};
+  m.lean = {0.00035, -0.000175};
   m.tied_to_plane = true;
   m.image_size = {1024, 1024};
   return m;
@@ -117,6 +118,7 @@ TEST(Calibration, FileKeepsEveryDigit) {
     EXPECT_EQ(read->rms_px, m.rms_px);
     EXPECT_EQ(read->R_plane_from_camera, m.R_plane_from_camera);
     EXPECT_EQ(read->centre_mm, m.centre_mm);
+    EXPECT_EQ(read->lean, m.lean);
     EXPECT_EQ(read->tied_to_plane, m.tied_to_plane);
     EXPECT_EQ(read->image_size, m.image_size);
   }
@@ -156,6 +158,7 @@ TEST(Calibration, EveryMisuseOfItsPartsIsRefusedWithThePlace) {
         {"/central/1/fx_px", 0, nullptr},
         {"/central/1/views", -1, nullptr},
         {"/central/1/centre_mm", Json{1, 2}, nullptr},
+        {"/central/1/lean", Json{1}, nullptr},
         {"/central/1/R_plane_from_camera", Json{{1, 0, 0}, {0, 1, 0}, {0, 0, -1}}, nullptr},
         {"/central/1/R_plane_from_camera", Json{{1, 0, 0}, {0, 1, 0}, {0, 0.01, 1}}, nullptr},
         {"/models/0/fit_rms_mm", -1, nullptr},

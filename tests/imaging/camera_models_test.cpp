@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "src/core/units.h"
 #include "tests/support/draws.h"
 #include "tests/support/simulated_view.h"
 
@@ -81,6 +82,15 @@ TEST(CameraModels, OnAPhysicalLensThoseWithDistortionLeaveThePinholeFarBehind) {
   EXPECT_NEAR(pinhole.held_out_rms_mm / pinhole.held_out_rms_px, 0.36, 0.02);
   EXPECT_EQ(row_of(rows, "irt").parameters, 84);
   EXPECT_EQ(row_of(rows, "brown").parameters, 15);
+}
+
+TEST(CameraModels, TheLeanOfTheStageIsFoundAndNotTakenForAnAttitude) {
+  const CameraData data = sweep(0.005);
+  const Vector2d truth = shipped_rig("simulated").simulation->stage_squareness_deg;
+  const CentralModel m = fit_central(CentralKind::kBrown, data.views, data.size);
+  // What the brown model leaves out of the lens comes back here: a tenth of 0.02 deg.
+  EXPECT_LT((m.lean * kDegPerRad - truth).norm(), 0.003);
+  EXPECT_GT(truth.norm(), 0.02);
 }
 
 TEST(CameraModels, PointsHeldOutDoNotEnterThroughTheViews) {

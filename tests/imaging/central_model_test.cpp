@@ -40,6 +40,7 @@ CentralModel model_of(CentralKind kind) {
   m.R_plane_from_camera =
       rotation_from_vector({0.02, -0.03, 0.1}) * Vector3d(1, -1, -1).asDiagonal();
   // The wide lens stands nearer, so that the pattern fills its view.
+  m.lean = {4e-4, -2e-4};
   m.centre_mm = {12, -7, kind == CentralKind::kFisheye ? 401.0 : 701.0};
   return m;
 }
@@ -68,8 +69,8 @@ std::vector<PatternView> views_of(const CentralModel& m, bool at_zero, double no
     for (int row = -7; row <= 7; ++row)
       for (int column = -7; column <= 7; ++column) {
         const Vector2d on_pattern = Vector2d(column, row) * 20.0;
-        const Vector3d in_plane =
-            R * Vector3d(on_pattern.x(), on_pattern.y(), 0) + Vector3d(0, 0, z);
+        const Vector3d in_plane = R * Vector3d(on_pattern.x(), on_pattern.y(), 0) +
+                                  Vector3d(m.lean.x(), m.lean.y(), 1) * z;
         const Vector2d pixel =
             m.project(m.R_plane_from_camera.transpose() * (in_plane - m.centre_mm));
         view.pixels_px.emplace_back(pixel + noise_px * Vector2d(random.normal(), random.normal()));
@@ -113,9 +114,11 @@ TEST_P(EveryCentralModel, ItsRayGoesThroughTheCentreAndBackToThePixel) {
   const RayPlanes planes{130, 180};
   for (const Vector2d& pixel : {Vector2d(517, 508), Vector2d(100, 900), Vector2d(800, 30)}) {
     const Ray ray = model.ray(pixel, planes);
-    EXPECT_LT(distance_mm(model.centre_mm, ray, planes), 1e-10);
+    const Vector2d shift = -model.lean * model.centre_mm.z();
+    const Vector3d centre = model.centre_mm + Vector3d(shift.x(), shift.y(), 0);
+    EXPECT_LT(distance_mm(centre, ray, planes), 1e-10);
     for (const double z : {0.0, 150.0}) {
-      const Vector2d at = ray.at(z, planes);
+      const Vector2d at = ray.at(z, planes) + model.lean * z;
       const Vector3d in_camera =
           model.R_plane_from_camera.transpose() * (Vector3d(at.x(), at.y(), z) - model.centre_mm);
       EXPECT_LT((projected_by_opencv(model, in_camera) - pixel).norm(), 1e-9);
@@ -131,6 +134,7 @@ TEST_P(EveryCentralModel, PointsMadeWithItComeBackAsIt) {
   EXPECT_EQ(found.distortion.size(), model.distortion.size());
   EXPECT_LT(found.rms_px, 0.02);
   EXPECT_LT((found.centre_mm - model.centre_mm).norm(), 0.2);
+  EXPECT_LT((found.lean - model.lean).norm(), 1e-4);
   EXPECT_LT(geodesic_angle(found.R_plane_from_camera, model.R_plane_from_camera), 2e-4);
   // Coefficients trade against each other; what counts is where the rays go.
   const RayPlanes planes{130, 180};
