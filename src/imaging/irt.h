@@ -84,6 +84,8 @@ class IrtModel {
 
   /// (r, s) of each coefficient row: r + s <= order, by r, then s.
   static std::vector<std::pair<int, int>> terms(int order);
+  /// The basis functions P_r(u) P_s(v) at a pixel, by `terms(order)`.
+  static void basis(const Vector2d& pixel_px, ImageSize size, int order, double* out);
 
   /// det d(x,y)/d(u,v) on planes a and b, mm^2/px^2, over a grid of the domain: smallest and
   /// largest. A right-handed plane frame (y up, z towards the camera, v down) has negative values
@@ -125,8 +127,13 @@ void check_handedness(const IrtModel& model, const std::string& name);
 struct FittedPlane {
   double z_mm = 0.0;
   int points = 0;         ///< used
-  int carried_order = 0;  ///< highest order that its points determine inside their own hull
-  double coverage = 0.0;  ///< area of its hull over the area of all planes' common hull, 0..1
+  double coverage = 0.0;  ///< area of its hull over that of the hull of all planes' points, 0..1
+  /// Largest standard uncertainty of the model at this height inside the domain, in those of the
+  /// plane's points: below 1 where they determine it well.
+  double noise_gain = 0.0;
+
+  /// It limits the domain to less than half of what the other planes show.
+  bool is_strip() const { return coverage < 0.5; }
 };
 
 /// A used point's residual, that of a fit without the point, and its leverage.
