@@ -77,6 +77,12 @@ double doubled_area(const std::vector<Vector2d>& polygon) {
   return sum;
 }
 
+// Every product goes through one of these two: each further kind of operand would be compiled anew.
+Eigen::MatrixXd times(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) { return a * b; }
+Eigen::MatrixXd transposed_times(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
+  return a.transpose() * b;
+}
+
 int terms_of(int order) { return (order + 1) * (order + 2) / 2; }
 
 /// The points of one height, and what they say: weight (phi ((1 - lambda) c_a + lambda c_b) - xy).
@@ -96,9 +102,11 @@ struct PlaneRows {
   /// Variances of phi * here(c) for rows phi, given the cofactor matrix of c.
   Eigen::ArrayXd variances(const Eigen::MatrixXd& rows, const Eigen::MatrixXd& cofactor) const {
     const Eigen::MatrixXd K = here(here(cofactor).transpose());
-    return (rows * K).cwiseProduct(rows).rowwise().sum();
+    return times(rows, K).cwiseProduct(rows).rowwise().sum();
   }
-  Eigen::MatrixXd residuals(const Eigen::MatrixXd& c) const { return phi * here(c) - on_plane; }
+  Eigen::MatrixXd residuals(const Eigen::MatrixXd& c) const {
+    return times(phi, here(c)) - on_plane;
+  }
 };
 
 std::vector<PlaneRows> rows_of(std::span<const PlanePoint> points, RayPlanes planes, int order,
@@ -132,6 +140,7 @@ struct Solution {
   Eigen::MatrixXd coefficients;  ///< (x_a.., x_b..) and (y_a.., y_b..): 2 terms x 2
   Eigen::MatrixXd cofactor;      ///< (A^T W^2 A)^-1
   double condition = INFINITY;   ///< of W A; infinite = not determined
+  std::size_t undetermined = 0;  ///< then: the plane whose points say least
 };
 
 /// Normal equations in the orthogonal basis, refined by their own residuals: as good as QR where the
@@ -142,7 +151,7 @@ Solution solve(const std::vector<PlaneRows>& rows) {
   std::vector<Eigen::MatrixXd> weighted;  // W^2 phi
   for (const PlaneRows& plane : rows) {
     weighted.push_back(plane.weight.square().matrix().asDiagonal() * plane.phi);
-    const Eigen::MatrixXd G = weighted.back().transpose() * plane.phi;
+    const Eigen::MatrixXd G = transposed_times(weighted.back(), plane.phi);
     const double la = plane.lambda, mu = 1.0 - la;
     normal.topLeftCorner(n, n) += mu * mu * G;
     normal.bottomLeftCorner(n, n) += mu * la * G;
@@ -152,19 +161,26 @@ Solution solve(const std::vector<PlaneRows>& rows) {
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(normal);  // reads the lower half
   const Eigen::VectorXd& d = eigen.eigenvalues();
   const double condition = std::sqrt(d(2 * n - 1) / std::max(d(0), 0.0));
-  if (!(condition < kWorstCondition)) return out;
+  if (!(condition < kWorstCondition)) {
+    const Eigen::MatrixXd unseen = eigen.eigenvectors().col(0);
+    const auto share = [&](const PlaneRows& plane) { return plane.here(unseen).norm(); };
+    out.undetermined =
+        static_cast<std::size_t>(std::ranges::max_element(rows, {}, share) - rows.begin());
+    return out;
+  }
   out.condition = condition;
-  const Eigen::MatrixXd half = eigen.eigenvectors() * d.cwiseSqrt().cwiseInverse().asDiagonal();
-  out.cofactor = half * half.transpose();
+  const Eigen::MatrixXd half =
+      d.cwiseSqrt().cwiseInverse().asDiagonal() * eigen.eigenvectors().transpose();
+  out.cofactor = transposed_times(half, half);
   out.coefficients = Eigen::MatrixXd::Zero(2 * n, 2);
   for (int pass = 0; pass < 3; ++pass) {
     Eigen::MatrixXd rhs = Eigen::MatrixXd::Zero(2 * n, 2);
     for (std::size_t k = 0; k < rows.size(); ++k) {
-      const Eigen::MatrixXd g = weighted[k].transpose() * rows[k].residuals(out.coefficients);
+      const Eigen::MatrixXd g = transposed_times(weighted[k], rows[k].residuals(out.coefficients));
       rhs.topRows(n) += (1.0 - rows[k].lambda) * g;
       rhs.bottomRows(n) += rows[k].lambda * g;
     }
-    out.coefficients -= out.cofactor * rhs;
+    out.coefficients -= times(out.cofactor, rhs);
   }
   return out;
 }
@@ -240,50 +256,43 @@ std::vector<FittedPlane> describe(const std::vector<PlaneRows>& rows, const Solu
   return out;
 }
 
-/// The plane whose points do not carry the order, if there is one. `fit` = their model.
+/// The plane whose points do not carry the order, if there is one.
 const FittedPlane* weakest(const std::vector<FittedPlane>& planes) {
   const auto worst = std::ranges::max_element(planes, {}, &FittedPlane::noise_gain);
   return worst->noise_gain > kMostNoiseGain ? &*worst : nullptr;
+}
+
+/// A sentence about the planes whose points are too few for the order; empty if there are none. On
+/// two planes each carries its own map; on more they share the work.
+std::string too_few(const std::vector<PlaneRows>& rows, int order) {
+  const auto too_few_on = [&](Eigen::Index used, double per_term, const std::string& where) {
+    const double needed = std::ceil(per_term * terms_of(order));
+    if (static_cast<double>(used) >= needed) return std::string();
+    return fmt::format("order {} needs at least {:.0f} points on {}, found {}", order, needed,
+                       where, used);
+  };
+  Eigen::Index all = 0;
+  for (const PlaneRows& plane : rows) {
+    all += plane.used();
+    if (rows.size() != 2) continue;
+    const std::string message = too_few_on(plane.used(), kPointsPerTerm,
+                                           fmt::format("the plane z = {:.6g} mm", plane.z_mm));
+    if (!message.empty()) return message;
+  }
+  return too_few_on(all, 2 * kPointsPerTerm, fmt::format("its {} planes", rows.size()));
 }
 
 /// Highest order below `order` that can be fitted; 0 if none.
 int carried_order(std::span<const PlanePoint> points, RayPlanes planes, int order, ImageSize size) {
   while (--order > 0) {
     const std::vector<PlaneRows> rows = rows_of(points, planes, order, size);
+    if (!too_few(rows, order).empty()) continue;
     const Solution s = solve(rows);
     if (std::isinf(s.condition)) continue;
     const IrtModel model = model_of(s, domain_of(rows, points), planes, order, size);
     if (weakest(describe(rows, s, model, points)) == nullptr) break;
   }
   return order;
-}
-
-/// On two planes each carries its own map; on more they share the work.
-void check_counts(const std::vector<PlaneRows>& rows, int order) {
-  if (rows.size() < 2)
-    throw Error(
-        rows.empty()
-            ? "the ray model needs points on two planes, found none."
-            : fmt::format(
-                  "the ray model needs points on two planes, found all {} at z = {:.6g} mm.",
-                  rows.front().used(), rows.front().z_mm));
-  const auto refuse_few = [&](Eigen::Index used, double per_term, const std::string& where) {
-    const auto needed = [&](int q) { return per_term * terms_of(q); };
-    if (static_cast<double>(used) >= needed(order)) return;
-    int carried = 0;
-    while (needed(carried + 1) <= static_cast<double>(used)) ++carried;
-    throw Error(
-        fmt::format("order {} needs at least {:.0f} points on {}, found {}; they carry order {} at "
-                    "most. Show more of the pattern or lower the order.",
-                    order, std::ceil(needed(order)), where, used, carried));
-  };
-  Eigen::Index all = 0;
-  for (const PlaneRows& plane : rows) {
-    all += plane.used();
-    if (rows.size() == 2)
-      refuse_few(plane.used(), kPointsPerTerm, fmt::format("the plane z = {:.6g} mm", plane.z_mm));
-  }
-  refuse_few(all, 2 * kPointsPerTerm, fmt::format("its {} planes", rows.size()));
 }
 
 double median(std::vector<double> v) {
@@ -335,17 +344,17 @@ std::vector<std::size_t> remove_outliers(std::vector<PlaneRows>& rows, Solution 
           "images and at the plane positions.",
           out.size(), points, order));
     const Eigen::MatrixXd K = plane.here(s.cofactor);  // terms x 2 terms
-    const Eigen::MatrixXd gain = (plane.phi.row(worst) * K).transpose();
+    const Eigen::MatrixXd gain = transposed_times(K, plane.phi.row(worst).transpose());
     const double factor = plane.weight(worst) * plane.weight(worst) /
                           std::max(1.0 - leverages[worst_plane](worst), 1e-9);
     const Eigen::MatrixXd miss = residuals[worst_plane].row(worst);
     plane.weight(worst) = 0.0;
     for (std::size_t k = 0; k < rows.size(); ++k) {
-      const Eigen::MatrixXd change = rows[k].phi * rows[k].here(gain);
-      residuals[k] += factor * (change * miss);
+      const Eigen::MatrixXd change = times(rows[k].phi, rows[k].here(gain));
+      residuals[k] += factor * times(change, miss);
       leverages[k] += factor * rows[k].weight.square() * change.array().square();
     }
-    s.cofactor += factor * (gain * gain.transpose());
+    s.cofactor += factor * times(gain, gain.transpose());
   }
 }
 
@@ -359,14 +368,25 @@ IrtFit fit_irt(std::span<const PlanePoint> points, RayPlanes planes, int order, 
         fmt::format("planes at {} mm and {} mm: two different heights are needed, the lower first.",
                     planes.a_mm, planes.b_mm));
   std::vector<PlaneRows> rows = rows_of(points, planes, order, size);
-  check_counts(rows, order);
+  if (rows.size() < 2)
+    throw Error(fmt::format(
+        "the ray model needs points on two planes, found {}.",
+        rows.empty() ? "none"
+                     : fmt::format("all {} at z = {:.6g} mm", points.size(), rows.front().z_mm)));
+  const auto refuse = [&](const std::string& why) {
+    const int carried = carried_order(points, planes, order, size);
+    throw Error(fmt::format(
+        "{}; the points carry {}. Show more of the pattern or lower the order.", why,
+        carried > 0 ? fmt::format("order {} at most", carried) : "no ray model at all"));
+  };
   const auto solved = [&] {
+    if (const std::string why = too_few(rows, order); !why.empty()) refuse(why);
     Solution s = solve(rows);
     if (std::isinf(s.condition))
-      throw Error(fmt::format(
-          "the points do not determine a model of order {}: they cover too narrow a strip; they "
-          "carry order {} at most. Lower the order or show more of the pattern.",
-          order, carried_order(points, planes, order, size)));
+      refuse(
+          fmt::format("the points on the plane z = {:.6g} mm do not determine a model of order {}: "
+                      "they cover too narrow a strip",
+                      rows[s.undetermined].z_mm, order));
     return s;
   };
   const bool stated = std::ranges::all_of(points, [](const auto& p) { return p.sigma_px > 0.0; });
@@ -383,7 +403,6 @@ IrtFit fit_irt(std::span<const PlanePoint> points, RayPlanes planes, int order, 
   fit.model = model_of(s, {}, planes, order, size);
   for (const std::size_t i : remove_outliers(rows, s, fit.model, points.size(), order))
     fit.outliers.push_back(points[i]);
-  check_counts(rows, order);
   if (stated)  // The first fit knows the local scale well enough for weights.
     weigh(
         [&](const PlanePoint& p) { return p.sigma_px * fit.model.mm_per_px(p.pixel_px, p.z_mm); });
@@ -392,14 +411,10 @@ IrtFit fit_irt(std::span<const PlanePoint> points, RayPlanes planes, int order, 
   fit.condition = s.condition;
   fit.planes = describe(rows, s, fit.model, points);
   if (const FittedPlane* plane = weakest(fit.planes))
-    throw Error(
-        fmt::format("the {} points on the plane z = {:.6g} mm do not determine a model of order "
-                    "{}: between them "
-                    "it is {:.1f} times as uncertain as they are (allowed: {:.0f}); they carry "
-                    "order {} at most. "
-                    "Lower the order or show more of the pattern there.",
-                    plane->points, plane->z_mm, order, plane->noise_gain, kMostNoiseGain,
-                    carried_order(points, planes, order, size)));
+    refuse(fmt::format(
+        "the {} points on the plane z = {:.6g} mm do not determine a model of order {}: "
+        "between them it is {:.3g} times as uncertain as they are (allowed: {})",
+        plane->points, plane->z_mm, order, plane->noise_gain, kMostNoiseGain));
 
   double sum = 0.0, sum_weighted = 0.0, sum_left_out = 0.0;
   for (const PlaneRows& plane : rows) {
