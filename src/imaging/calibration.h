@@ -9,6 +9,7 @@
 
 #include "src/imaging/central_model.h"
 #include "src/imaging/irt.h"
+#include "src/imaging/order_choice.h"
 
 namespace turntable {
 
@@ -19,6 +20,9 @@ struct PlaneResidual {
   int points = 0;
   double rms_mm = 0.0;  ///< of the residual's length
   double max_mm = 0.0;
+  /// As in `FittedPlane`; NaN for a plane kept out of the fit.
+  double coverage = std::numeric_limits<double>::quiet_NaN();
+  double noise_gain = std::numeric_limits<double>::quiet_NaN();
 };
 
 /// Where the stage stood at one plane, as it read itself back.
@@ -51,7 +55,7 @@ struct UsedImage {
 struct Calibration {
   std::string source;  ///< run or publication it comes from
   bool simulated = false;
-  IrtModel irt;
+  IrtModel irt;           ///< with its covariance, if known
   double sigma_mm = 0.0;  ///< of one coordinate of one circle
   int points = 0;
   /// Statistics of the fit (`IrtFit`); NaN = not known.
@@ -62,6 +66,7 @@ struct Calibration {
   std::vector<PlanePoint> outliers;
   std::vector<PlaneResidual> planes;
   std::vector<PlaneVisits> stage;
+  std::vector<OrderRow> orders;
   std::vector<ModelRow> models;
   std::vector<UsedImage> images;
   std::vector<CentralModel> central;
