@@ -81,14 +81,14 @@ void pattern_ours(benchmark::State& state) {
   for (auto _ : state) search = find_pattern(pattern_image(), view().rig().pattern);
   view().world().mount(Payload::kCirclePattern);
   double sum = 0.0;
-  for (const IndexedCircle& c : search.circles) {
-    const Vector2d p = c.on_pattern_mm(view().rig().pattern.spacing_mm);
+  for (const PatternPoint& c : search.points) {
+    const Vector2d p = c.on_pattern_mm;
     sum += (c.centre_px - view().pixel_of({p.x(), p.y(), 0})).squaredNorm();
   }
-  const double rms = std::sqrt(sum / (2.0 * static_cast<double>(search.circles.size())));
-  state.counters["circles"] = static_cast<double>(search.circles.size());
+  const double rms = std::sqrt(sum / (2.0 * static_cast<double>(search.points.size())));
+  state.counters["circles"] = static_cast<double>(search.points.size());
   state.counters["rms_px"] = rms;
-  if (!(rms < 0.01) || search.circles.size() < 150) state.SkipWithError("the pattern is wrong");
+  if (!(rms < 0.01) || search.points.size() < 150) state.SkipWithError("the pattern is wrong");
 }
 BENCHMARK(pattern_ours)->Unit(benchmark::kMillisecond);
 

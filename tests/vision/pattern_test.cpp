@@ -19,9 +19,8 @@ struct Accuracy {
 Accuracy accuracy(const SimulatedView& view, const PatternSearch& search) {
   Accuracy a;
   double sum = 0.0;
-  const double spacing = view.rig().pattern.spacing_mm;
-  for (const IndexedCircle& c : search.circles) {
-    const Vector2d on_pattern = c.on_pattern_mm(spacing);
+  for (const PatternPoint& c : search.points) {
+    const Vector2d on_pattern = c.on_pattern_mm;
     const double miss = (c.centre_px - view.pixel_of({on_pattern.x(), on_pattern.y(), 0})).norm();
     if (miss > 5) ++a.wrong;
     sum += miss * miss;
@@ -65,10 +64,10 @@ TEST(Pattern, CentresAreCorrectedForPerspective) {
   const PatternSearch search = find_pattern(view.look(Payload::kCirclePattern), view.rig().pattern);
   ASSERT_EQ(search.status, PatternStatus::kFound);
   Vector2d mean = Vector2d::Zero();
-  for (const IndexedCircle& c : search.circles) {
-    const Vector2d p = c.on_pattern_mm(view.rig().pattern.spacing_mm);
+  for (const PatternPoint& c : search.points) {
+    const Vector2d p = c.on_pattern_mm;
     mean += (c.centre_px - view.pixel_of({p.x(), p.y(), 0})) /
-            static_cast<double>(search.circles.size());
+            static_cast<double>(search.points.size());
   }
   EXPECT_LT(mean.norm(), 0.003);
 }
