@@ -71,24 +71,23 @@ Tiles half_way_levels(ImageView image, double noise, const CircleOptions& option
   tiles.down = (image.height + kTile - 1) / kTile;
   const auto count = static_cast<std::size_t>(tiles.across * tiles.down);
   std::vector<std::uint8_t> low(count, 255), high(count, 0);
-  for (int v = 0; v < image.height; ++v)
-    for (int i = 0; i < tiles.across; ++i) {
-      const std::uint8_t* p = image.row(v) + i * kTile;
-      const int n = std::min(kTile, image.width - i * kTile);
-      const auto k = static_cast<std::size_t>((v / kTile) * tiles.across + i);
-      std::uint8_t least = low[k], most = high[k];
-      if (n == kTile) {
-        for (int u = 0; u < kTile; ++u) least = std::min(least, p[u]);
-        for (int u = 0; u < kTile; ++u) most = std::max(most, p[u]);
-      } else {
-        for (int u = 0; u < n; ++u) {
-          least = std::min(least, p[u]);
-          most = std::max(most, p[u]);
-        }
-      }
-      low[k] = least;
-      high[k] = most;
+  const auto width = static_cast<std::size_t>(image.width);
+  std::vector<std::uint8_t> least_of(width), most_of(width);  // of each column of the tile row
+  for (int j = 0; j < tiles.down; ++j) {
+    std::ranges::fill(least_of, std::uint8_t{255});
+    std::ranges::fill(most_of, std::uint8_t{0});
+    std::uint8_t *least = least_of.data(), *most = most_of.data();
+    for (int v = j * kTile; v < std::min(image.height, (j + 1) * kTile); ++v) {
+      const std::uint8_t* p = image.row(v);
+      for (std::size_t u = 0; u < width; ++u) least[u] = std::min(least[u], p[u]);
+      for (std::size_t u = 0; u < width; ++u) most[u] = std::max(most[u], p[u]);
     }
+    for (std::size_t u = 0; u < width; ++u) {
+      const std::size_t k = static_cast<std::size_t>(j * tiles.across) + u / kTile;
+      low[k] = std::min(low[k], least[u]);
+      high[k] = std::max(high[k], most[u]);
+    }
+  }
 
   std::vector<double> contrast(count);
   tiles.level.assign(count, -1.0);
@@ -232,28 +231,37 @@ class Chords {
 /// Least-squares plane through grey values.
 class PlaneFit {
  public:
-  template <class Use>
-  void add(const std::uint8_t* row, int left, int right, int u0, int y, Use&& use) {
-    int n = 0, x1 = 0, x2 = 0, g1 = 0, g2 = 0, xg = 0;
+  /// Pixels [left, right] of a row; coordinates are u - u0 and y.
+  void add(const std::uint8_t* row, int left, int right, int u0, int y) {
+    if (left > right) return;
+    int g1 = 0, g2 = 0, xg = 0;
     for (int u = left; u <= right; ++u) {
-      const int in = use(u), x = (u - u0) * in, g = row[u] * in;
-      n += in;
-      x1 += x;
-      x2 += x * x;
+      const int g = row[u];
       g1 += g;
-      xg += x * g;
       g2 += g * g;
+      xg += (u - u0) * g;
     }
+    const double n = right - left + 1, m = 0.5 * (left + right) - u0;
     n_ += n;
-    x_ += x1;
+    x_ += n * m;
     y_ += n * y;
-    xx_ += x2;
-    xy_ += x1 * y;
+    xx_ += n * (m * m + (n * n - 1.0) / 12.0);
+    xy_ += n * m * y;
     yy_ += n * y * y;
     g_ += g1;
     xg_ += xg;
-    yg_ += g1 * y;
+    yg_ += static_cast<double>(g1) * y;
     gg_ += g2;
+  }
+  /// The same without the pixels that are marked.
+  void add_unmarked(const std::uint8_t* row, const std::uint8_t* mark, int left, int right, int u0,
+                    int y) {
+    while (left <= right) {
+      int end = left;
+      while (end <= right && mark[end] == 0) ++end;
+      add(row, left, end - 1, u0, y);
+      left = end + 1;
+    }
   }
   double count() const { return n_; }
   /// (level at the origin, slope in x, slope in y).
@@ -304,30 +312,29 @@ bool measure(ImageView image, ImageView marked, const Ellipse& e, double ring, d
   if (bottom - top >= static_cast<int>(rows.size())) return false;
 
   PlaneFit ground, plateau;
-  const int plateau_step = e.minor - ring > 20 ? 4 : 1;  // enough pixels without all of them
+  const int plateau_step = 1 + static_cast<int>(std::max(0.0, e.minor - ring) / 8.0);  // enough pixels
   for (int v = std::max(0, ground_end.top()); v <= std::min(image.height - 1, ground_end.bottom());
        ++v) {
     const std::uint8_t* row = image.row(v);
-    const std::uint8_t* mark = marked.row(v);
-    const auto is_ground = [&](int u) { return mark[u] == 0 ? 1 : 0; };  // no neighbour's
+    const std::uint8_t* mark = marked.row(v);  // of neighbours
     int l, r;
     ground_end.chord(v, l, r);
     l = std::max(0, l);
     r = std::min(image.width - 1, r);
     if (v < top || v > bottom) {
-      ground.add(row, l, r, u0, v - v0, is_ground);
+      ground.add_unmarked(row, mark, l, r, u0, v - v0);
       continue;
     }
     Row& chord = rows[static_cast<std::size_t>(v - top)];
     outer.chord(v, chord.outer_left, chord.outer_right);
-    ground.add(row, l, chord.outer_left - 1, u0, v - v0, is_ground);
-    ground.add(row, std::max(l, chord.outer_right + 1), r, u0, v - v0, is_ground);
+    ground.add_unmarked(row, mark, l, chord.outer_left - 1, u0, v - v0);
+    ground.add_unmarked(row, mark, std::max(l, chord.outer_right + 1), r, u0, v - v0);
     inner.chord(v, chord.inner_left, chord.inner_right);
     if (chord.inner_left > chord.inner_right) {  // the ring fills the row
       chord.inner_left = chord.outer_right + 1;
       chord.inner_right = chord.outer_right;
     } else if (v % plateau_step == 0) {
-      plateau.add(row, chord.inner_left, chord.inner_right, u0, v - v0, [](int) { return 1; });
+      plateau.add(row, chord.inner_left, chord.inner_right, u0, v - v0);
     }
   }
   if (ground.count() < 12) return false;
@@ -354,29 +361,31 @@ bool measure(ImageView image, ImageView marked, const Ellipse& e, double ring, d
         std::max(kRoundingVariance, ground_variance + c[0] / options.electrons_per_grey);
 
   double W = 0, Wx = 0, Wy = 0;  // sums of w, w x, w y
-  double edge = 0, n = 0;        // ring: sum w (1 - w), pixels
+  double n = 0, edge = 0;        // ring: pixels, sum w (1 - w)
   double r2 = 0, r2w = 0;        // ring: sum r^2, sum r^2 w
   for (int v = top; v <= bottom; ++v) {
     const Row& chord = rows[static_cast<std::size_t>(v - top)];
     const std::uint8_t* row = image.row(v);
     const double y = v - v0;
     const double g_row = g[0] + g[2] * y, c_row = c[0] + c[2] * y;
-    double w0 = 0, w1 = 0;
+    double w0 = 0, w1 = 0, w2 = 0, ww = 0;  // sums of w, w x, w x^2, w^2 along the row
     const auto along = [&](int left, int right) {
       for (int u = left; u <= right; ++u) {
         const double x = u - u0;
         const double w = (row[u] - (g_row + g[1] * x)) / (c_row + c[1] * x);
-        const double d2 = x * x + y * y;
         w0 += w;
         w1 += w * x;
-        edge += w * (1.0 - w);
-        r2 += d2;
-        r2w += d2 * w;
+        w2 += w * x * x;
+        ww += w * w;
       }
-      n += std::max(0, right - left + 1);
+      const double k = std::max(0, right - left + 1), m = 0.5 * (left + right) - u0;
+      n += k;
+      r2 += k * (m * m + (k * k - 1.0) / 12.0 + y * y);
     };
     along(chord.outer_left, chord.inner_left - 1);
     along(chord.inner_right + 1, chord.outer_right);
+    edge += w0 - ww;
+    r2w += w2 + w0 * y * y;
     const int filled = chord.inner_right - chord.inner_left + 1;
     if (filled > 0) {
       w0 += filled;

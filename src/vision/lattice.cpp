@@ -280,43 +280,63 @@ class Grower {
   Cells cells_;
 };
 
-/// Monomials of a cubic and their first and second derivatives.
-struct Cubic {
-  using Row = std::array<double, 10>;
+constexpr std::size_t kMostTerms = 21;
+constexpr std::size_t terms_of(int degree) {
+  return static_cast<std::size_t>((degree + 1) * (degree + 2) / 2);
+}
+
+/// Monomials x^a y^b with a + b <= degree, their first and second derivatives.
+struct Monomials {
+  using Row = std::array<double, kMostTerms>;
   Row value, x, y, xx, xy, yy;
-  explicit Cubic(const Vector2d& p) {
-    const double a = p.x(), b = p.y();
-    value = {1, a, b, a * a, a * b, b * b, a * a * a, a * a * b, a * b * b, b * b * b};
-    x = {0, 1, 0, 2 * a, b, 0, 3 * a * a, 2 * a * b, b * b, 0};
-    y = {0, 0, 1, 0, a, 2 * b, 0, a * a, 2 * a * b, 3 * b * b};
-    xx = {0, 0, 0, 2, 0, 0, 6 * a, 2 * b, 0, 0};
-    xy = {0, 0, 0, 0, 1, 0, 0, 2 * a, 2 * b, 0};
-    yy = {0, 0, 0, 0, 0, 2, 0, 0, 2 * a, 6 * b};
+  Monomials(const Vector2d& p, int degree) {
+    std::array<double, 8> px{0, 0, 1}, py{0, 0, 1};  // powers, from the -2nd; those below 0 vanish
+    for (std::size_t k = 3; k < 8; ++k) px[k] = px[k - 1] * p.x(), py[k] = py[k - 1] * p.y();
+    std::size_t i = 0;
+    for (int d = 0; d <= degree; ++d)
+      for (int b = 0; b <= d; ++b, ++i) {
+        const int a = d - b;
+        const auto ka = static_cast<std::size_t>(a), kb = static_cast<std::size_t>(b);
+        value[i] = px[ka + 2] * py[kb + 2];
+        x[i] = a * px[ka + 1] * py[kb + 2];
+        y[i] = b * px[ka + 2] * py[kb + 1];
+        xx[i] = a * (a - 1) * px[ka] * py[kb + 2];
+        xy[i] = a * b * px[ka + 1] * py[kb + 1];
+        yy[i] = b * (b - 1) * px[ka + 2] * py[kb];
+      }
   }
 };
 
-/// Normal equations, built row by row.
-template <int N, int K>
-struct Normal {
-  std::array<std::array<double, N>, N> A{};
-  std::array<std::array<double, K>, N> b{};
-  void add(const std::array<double, N>& row, const std::array<double, K>& right) {
-    for (std::size_t i = 0; i < N; ++i) {
-      if (row[i] == 0.0) continue;
-      for (std::size_t j = 0; j <= i; ++j) A[i][j] += row[i] * row[j];
-      for (std::size_t k = 0; k < K; ++k) b[i][k] += row[i] * right[k];
+/// Normal equations of at most kMostTerms unknowns for K right sides, built row by row.
+template <std::size_t K>
+class Normal {
+ public:
+  explicit Normal(std::size_t unknowns) : n_(unknowns) {}
+  void add(const double* row, const std::array<double, K>& right) {
+    for (std::size_t i = 0; i < n_; ++i) {
+      for (std::size_t j = 0; j <= i; ++j) A_[i][j] += row[i] * row[j];
+      for (std::size_t k = 0; k < K; ++k) b_[i][k] += row[i] * right[k];
     }
   }
+  /// One column per right side.
   Eigen::MatrixXd solve() const {
-    Eigen::MatrixXd m(N, N), r(N, K);
-    for (int i = 0; i < N; ++i) {
-      for (int j = 0; j <= i; ++j)
-        m(i, j) = m(j, i) = A[static_cast<std::size_t>(i)][static_cast<std::size_t>(j)];
-      for (int k = 0; k < K; ++k)
-        r(i, k) = b[static_cast<std::size_t>(i)][static_cast<std::size_t>(k)];
+    const auto n = static_cast<Eigen::Index>(n_);
+    Eigen::MatrixXd A(n, n), b(n, static_cast<Eigen::Index>(K));
+    for (std::size_t i = 0; i < n_; ++i) {
+      const auto r = static_cast<Eigen::Index>(i);
+      for (std::size_t j = 0; j <= i; ++j) {
+        const auto c = static_cast<Eigen::Index>(j);
+        A(r, c) = A(c, r) = A_[i][j];
+      }
+      for (std::size_t k = 0; k < K; ++k) b(r, static_cast<Eigen::Index>(k)) = b_[i][k];
     }
-    return m.ldlt().solve(r);
+    return A.ldlt().solve(b);
   }
+
+ private:
+  std::size_t n_;
+  std::array<std::array<double, kMostTerms>, kMostTerms> A_{};
+  std::array<std::array<double, K>, kMostTerms> b_{};
 };
 
 /// Middle and half-extent of points, to bring them to about [-1, 1].
@@ -341,39 +361,43 @@ bool PatternMap::fit(std::span<const Vector2d> on_pattern, std::span<const Vecto
   if (on_pattern.size() < 6 || on_pattern.size() != px.size()) return false;
   normalise(on_pattern, middle_, scale_);
   normalise(px, px_middle_, px_scale_);
-  bend_.setZero();
+  degree_ = 0;
+  bend_.fill(Vector2d::Zero());
 
   // u (1 + h7 x + h8 y) = h1 x + h2 y + h3. Weighted by the last denominator, the second and third
   // pass minimise the distance in the image and not the algebraic one.
   H_.setIdentity();
   for (int pass = 0; pass < 3; ++pass) {
-    Normal<8, 1> normal;
+    Normal<1> normal(8);
     for (std::size_t i = 0; i < px.size(); ++i) {
       const Vector2d p = (on_pattern[i] - middle_) / scale_, q = (px[i] - px_middle_) / px_scale_;
       const double w = pass == 0 ? 1.0 : 1.0 / (H_(2, 0) * p.x() + H_(2, 1) * p.y() + 1.0);
       const double x = w * p.x(), y = w * p.y();
-      normal.add({x, y, w, 0, 0, 0, -x * q.x(), -y * q.x()}, {w * q.x()});
-      normal.add({0, 0, 0, x, y, w, -x * q.y(), -y * q.y()}, {w * q.y()});
+      normal.add(std::array{x, y, w, 0.0, 0.0, 0.0, -x * q.x(), -y * q.x()}.data(), {w * q.x()});
+      normal.add(std::array{0.0, 0.0, 0.0, x, y, w, -x * q.y(), -y * q.y()}.data(), {w * q.y()});
     }
     const Eigen::MatrixXd h = normal.solve();
     if (!h.allFinite()) return false;
     H_ << h(0), h(1), h(2), h(3), h(4), h(5), h(6), h(7), 1.0;
+    for (const Vector2d& point : on_pattern) {
+      const Vector2d p = (point - middle_) / scale_;
+      if (!(H_(2, 0) * p.x() + H_(2, 1) * p.y() + 1.0 > 0.05)) return false;  // behind the camera
+    }
   }
   if (!(std::abs(H_.determinant()) > 1e-9)) return false;
-  for (const Vector2d& point : on_pattern) {
-    const Vector2d p = (point - middle_) / scale_;
-    if (!(H_(2, 0) * p.x() + H_(2, 1) * p.y() + 1.0 > 0.05)) return false;  // behind the camera
-  }
   if (px.size() < 30) return true;
 
-  Normal<10, 2> normal;
+  degree_ = px.size() < 90 ? 3 : 5;
+  Normal<2> normal(terms_of(degree_));
   for (std::size_t i = 0; i < px.size(); ++i) {
-    const Vector2d left = px[i] - at(on_pattern[i]).px;
-    normal.add(Cubic((on_pattern[i] - middle_) / scale_).value, {left.x(), left.y()});
+    const Vector2d h = (H_ * ((on_pattern[i] - middle_) / scale_).homogeneous()).hnormalized();
+    const Vector2d left = (px[i] - px_middle_) / px_scale_ - h;
+    normal.add(Monomials(h, degree_).value.data(), {left.x(), left.y()});
   }
   const Eigen::MatrixXd bend = normal.solve();
   if (!bend.allFinite()) return false;
-  bend_ = bend;
+  for (std::size_t i = 0; i < terms_of(degree_); ++i)
+    bend_[i] = bend.row(static_cast<Eigen::Index>(i));
   return true;
 }
 
@@ -382,29 +406,37 @@ PatternMap::Taylor PatternMap::at(const Vector2d& on_pattern) const {
   const Vector3d q = H_ * p.homogeneous();
   const double d = q.z();
   const Eigen::RowVector2d slope = H_.row(2).head<2>();
-  Taylor t;
-  // Quotient rule: h = N/D, h_i = (N_i - h D_i)/D, h_ij = -(h_i D_j + h_j D_i)/D.
+  // Homography by the quotient rule: h = N/D, h_i = (N_i - h D_i)/D, h_ij = -(h_i D_j + h_j D_i)/D.
   const Vector2d h = q.head<2>() / d;
-  const Matrix2d J = (H_.topLeftCorner<2, 2>() - h * slope) / d;
-  t.px = px_middle_ + px_scale_ * h;
-  t.J = px_scale_ * J;
-  t.xx = -px_scale_ * 2.0 * J.col(0) * slope(0) / d;
-  t.xy = -px_scale_ * (J.col(0) * slope(1) + J.col(1) * slope(0)) / d;
-  t.yy = -px_scale_ * 2.0 * J.col(1) * slope(1) / d;
-  const Cubic cubic(p);
-  for (std::size_t i = 0; i < 10; ++i) {
-    const Vector2d b = bend_.row(static_cast<Eigen::Index>(i));
-    t.px += cubic.value[i] * b;
-    t.J.col(0) += cubic.x[i] * b;
-    t.J.col(1) += cubic.y[i] * b;
-    t.xx += cubic.xx[i] * b;
-    t.xy += cubic.xy[i] * b;
-    t.yy += cubic.yy[i] * b;
+  const Matrix2d Jh = (H_.topLeftCorner<2, 2>() - h * slope) / d;
+  const Vector2d hx = Jh.col(0), hy = Jh.col(1);
+  const Vector2d hxx = -2.0 * hx * slope(0) / d, hyy = -2.0 * hy * slope(1) / d,
+                 hxy = -(hx * slope(1) + hy * slope(0)) / d;
+
+  // Lens f = h + b(h) by the chain rule.
+  Vector2d value = h, uu = Vector2d::Zero(), uv = uu, vv = uu;
+  Matrix2d L = Matrix2d::Identity();
+  if (degree_ > 0) {
+    const Monomials m(h, degree_);
+    for (std::size_t i = 0; i < terms_of(degree_); ++i) {
+      value += m.value[i] * bend_[i];
+      L.col(0) += m.x[i] * bend_[i];
+      L.col(1) += m.y[i] * bend_[i];
+      uu += m.xx[i] * bend_[i];
+      uv += m.xy[i] * bend_[i];
+      vv += m.yy[i] * bend_[i];
+    }
   }
-  t.J /= scale_;
-  t.xx /= scale_ * scale_;
-  t.xy /= scale_ * scale_;
-  t.yy /= scale_ * scale_;
+  const auto second = [&](const Vector2d& a, const Vector2d& b, const Vector2d& ab) -> Vector2d {
+    return uu * a.x() * b.x() + uv * (a.x() * b.y() + a.y() * b.x()) + vv * a.y() * b.y() + L * ab;
+  };
+  const double by = px_scale_ / scale_, by2 = by / scale_;
+  Taylor t;
+  t.px = px_middle_ + px_scale_ * value;
+  t.J = by * L * Jh;
+  t.xx = by2 * second(hx, hx, hxx);
+  t.xy = by2 * second(hx, hy, hxy);
+  t.yy = by2 * second(hy, hy, hyy);
   return t;
 }
 

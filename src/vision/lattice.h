@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <span>
 #include <vector>
 
@@ -29,12 +30,11 @@ struct LatticeShape {
 /// Needs a seed with seven of its eight neighbours, or five where there is none.
 std::vector<LatticeNode> grow_lattice(std::span<const Circle> circles, const LatticeShape& shape);
 
-/// Pixel from pattern position: a homography, and a cubic polynomial in px on top of it for what a
-/// lens adds. Coordinates on the pattern are in any unit.
+/// Pixel from pattern position: a homography, then a polynomial in the image for what the lens adds
+/// (degree 5 from 90 points, 3 from 30, none below). Coordinates on the pattern are in any unit.
 class PatternMap {
  public:
-  /// Linear least squares twice (homography with its last element 1, then the polynomial; the
-  /// polynomial is left out below 30 points).
+  /// Linear least squares, the homography (its last element 1) and then the polynomial.
   /// @return false for fewer than 6 points, or points that carry no homography.
   bool fit(std::span<const Eigen::Vector2d> on_pattern, std::span<const Eigen::Vector2d> px);
 
@@ -50,7 +50,8 @@ class PatternMap {
   Eigen::Vector2d middle_, px_middle_;
   double scale_ = 1.0, px_scale_ = 1.0;
   Eigen::Matrix3d H_ = Eigen::Matrix3d::Identity();
-  Eigen::Matrix<double, 10, 2> bend_ = Eigen::Matrix<double, 10, 2>::Zero();
+  int degree_ = 0;
+  std::array<Eigen::Vector2d, 21> bend_;  ///< coefficients, normalised px
 };
 
 /// Centroid of the image of a disc minus image of its centre, px, to second order in the radius:

@@ -140,11 +140,6 @@ bool on_pattern(const Vector2i& from_origin, const PatternConfig& p) {
   return column >= 0 && row >= 0 && column < p.columns && row < p.rows;
 }
 
-bool is_direction_circle(const Vector2i& from_origin, const PatternConfig& p) {
-  return std::ranges::find(p.direction_circles, std::array{from_origin.x(), from_origin.y()}) !=
-         p.direction_circles.end();
-}
-
 PatternSearch find_directed_circles(ImageView image, const PatternConfig& pattern,
                                     const PatternOptions& options) {
   PatternSearch search;
@@ -171,8 +166,16 @@ PatternSearch find_directed_circles(ImageView image, const PatternConfig& patter
     return search;
   }
 
+  // Where bigger ones are drawn, by place.
+  std::vector<bool> drawn_big(static_cast<std::size_t>(pattern.columns * pattern.rows), false);
+  const auto place = [&](const Vector2i& from_origin) {
+    return static_cast<std::size_t>((from_origin.y() + pattern.origin_row) * pattern.columns +
+                                    from_origin.x() + pattern.origin_column);
+  };
+  for (const auto& drawn : pattern.direction_circles) drawn_big[place({drawn[0], drawn[1]})] = true;
+
   std::vector<Reading> readings;
-  std::set<std::array<int, 6>> tried;
+  std::set<std::array<int, 3>> tried;
   for (int k = 0; k < 8; ++k) {
     const int c = std::array{1, 0, -1, 0}[static_cast<std::size_t>(k % 4)],
               s = std::array{0, 1, 0, -1}[static_cast<std::size_t>(k % 4)];
@@ -184,14 +187,14 @@ PatternSearch find_directed_circles(ImageView image, const PatternConfig& patter
         Reading r;
         r.turn = turn;
         r.shift = Vector2i(drawn[0], drawn[1]) - turn * seen.at[b];
-        if (!tried.insert({k, r.shift.x(), r.shift.y(), 0, 0, 0}).second) continue;
+        if (!tried.insert({k, r.shift.x(), r.shift.y()}).second) continue;
         for (std::size_t i = 0; i < seen.at.size(); ++i) {
           const Vector2i at = r.turn * seen.at[i] + r.shift;
           if (!on_pattern(at, pattern)) {
             ++r.off_pattern;
             continue;
           }
-          const bool should_be_big = is_direction_circle(at, pattern);
+          const bool should_be_big = drawn_big[place(at)];
           if (sizes[i] == Size::kBig) ++(should_be_big ? r.hits : r.contradictions);
           if (sizes[i] == Size::kSmall && should_be_big) ++r.contradictions;
         }
@@ -218,8 +221,7 @@ PatternSearch find_directed_circles(ImageView image, const PatternConfig& patter
     const Vector2i at = best.turn * seen.at[i] + best.shift;
     if (!on_pattern(at, pattern)) continue;
     points.push_back({at + origin, seen.circles[i]});
-    radii.push_back(is_direction_circle(at, pattern) ? pattern.direction_radius_mm
-                                                     : pattern.radius_mm);
+    radii.push_back(drawn_big[place(at)] ? pattern.direction_radius_mm : pattern.radius_mm);
   }
   finish_board(points, radii, pattern, options, search);
   return search;
