@@ -53,6 +53,12 @@ class Reader {
       if (c.contains("sweep")) rig.calibration.sweep = folder_ / c.at("sweep").get<std::string>();
     }
     if (json_.contains("simulation")) rig.simulation = simulation(rig);
+    const bool drawn =
+        rig.pattern.kind == PatternKind::kCircles || rig.pattern.kind == PatternKind::kCircleGrid;
+    if (rig.simulation && !drawn)
+      fail("/pattern/kind", fmt::format("found {}, allowed in a rig with a simulation: circles or "
+                                        "circle_grid; others are not drawn.",
+                                        pattern_kind_name(rig.pattern.kind)));
     if (rig.simulated() && !rig.simulation)
       fail("/simulation",
            "is missing, but a device of this rig is simulated. Add the section (see "
@@ -345,19 +351,47 @@ class Reader {
   PatternConfig pattern() const {
     const Json& p = json_.at("pattern");
     PatternConfig pattern;
+    const std::string kind = p.value("kind", "circles");
+    pattern.kind = *std::ranges::find(kAllPatternKinds, kind, pattern_kind_name);
+    const bool directed = pattern.kind == PatternKind::kCircles;
+    const bool round = pattern.kind != PatternKind::kChessboard;
+    for (const auto& [key, wanted] : {std::pair{"radius_mm", round},
+                                      {"circles", round},
+                                      {"direction_radius_mm", directed},
+                                      {"direction_circles", directed}}) {
+      if (wanted && !p.contains(key))
+        fail("/pattern", fmt::format("\"{}\" is missing; kind {} needs it.", key, kind));
+      if (!wanted && p.contains(key))
+        fail(fmt::format("/pattern/{}", key), fmt::format("means nothing with kind {}.", kind));
+    }
     pattern.columns = p.at("columns");
     pattern.rows = p.at("rows");
     pattern.origin_column = p.at("origin").at(0);
     pattern.origin_row = p.at("origin").at(1);
     pattern.spacing_mm = p.at("spacing_mm");
-    pattern.radius_mm = p.at("radius_mm");
-    pattern.direction_radius_mm = p.at("direction_radius_mm");
-    pattern.bright = p.at("circles") == "bright";
     pattern.offset_mm = vector3_or_zero(p, "offset_mm");
-    if (pattern.origin_column >= pattern.columns || pattern.origin_row >= pattern.rows)
+    const int lattice_columns =
+        pattern.kind == PatternKind::kAsymmetricCircles ? 2 * pattern.columns : pattern.columns;
+    if (pattern.origin_column >= lattice_columns || pattern.origin_row >= pattern.rows)
       fail("/pattern/origin",
            fmt::format("found [{}, {}], allowed: inside the {} x {} pattern.",
-                       pattern.origin_column, pattern.origin_row, pattern.columns, pattern.rows));
+                       pattern.origin_column, pattern.origin_row, lattice_columns, pattern.rows));
+    if (round) {
+      pattern.radius_mm = p.at("radius_mm");
+      pattern.bright = p.at("circles") == "bright";
+      // Neighbours of an asymmetric grid stand diagonally.
+      const double nearest =
+          pattern.spacing_mm * (pattern.kind == PatternKind::kAsymmetricCircles ? 1.41421356 : 1.0);
+      if (!directed && 2 * pattern.radius_mm >= nearest)
+        fail("/pattern/radius_mm",
+             "neighbouring circles touch. Make them smaller than the spacing.");
+    }
+    if (directed) read_direction_circles(p, pattern);
+    return pattern;
+  }
+
+  void read_direction_circles(const Json& p, PatternConfig& pattern) const {
+    pattern.direction_radius_mm = p.at("direction_radius_mm");
     if (pattern.direction_radius_mm < 1.15 * pattern.radius_mm)
       fail("/pattern/direction_radius_mm",
            fmt::format(
@@ -383,7 +417,6 @@ class Reader {
       fail("/pattern/direction_circles",
            "[0, 0] is not among them; the origin circle is a bigger one.");
     check_direction_circles(pattern);
-    return pattern;
   }
 
   /// Three on one line give no homography; a symmetric arrangement gives more than one reading.
@@ -521,6 +554,20 @@ std::string_view axis_unit(AxisId axis) { return axis == AxisId::kStage ? "mm" :
 
 std::string_view payload_name(Payload payload) {
   return payload == Payload::kCirclePattern ? "circle_pattern" : "led_target";
+}
+
+std::string_view pattern_kind_name(PatternKind kind) {
+  switch (kind) {
+    case PatternKind::kCircles:
+      return "circles";
+    case PatternKind::kCircleGrid:
+      return "circle_grid";
+    case PatternKind::kAsymmetricCircles:
+      return "asymmetric_circles";
+    case PatternKind::kChessboard:
+      return "chessboard";
+  }
+  return "?";
 }
 
 const ControllerConfig& RigFile::controller(const std::string& controller_name) const {

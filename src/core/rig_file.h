@@ -131,16 +131,25 @@ struct GimbalConfig {
   Vector3d centre_at_stage_zero_mm = Vector3d::Zero();  ///< plane frame
 };
 
+/// kCircles: four bigger circles give direction. kCircleGrid: all equal. kAsymmetricCircles: every
+/// other row shifted by half, columns counted within a row. kChessboard: inner corners.
+enum class PatternKind { kCircles, kCircleGrid, kAsymmetricCircles, kChessboard };
+inline constexpr std::array kAllPatternKinds{PatternKind::kCircles, PatternKind::kCircleGrid,
+                                             PatternKind::kAsymmetricCircles,
+                                             PatternKind::kChessboard};
+std::string_view pattern_kind_name(PatternKind kind);
+
 /// Lattice positions are (column, row) relative to the origin circle, x = column * spacing, y = row
 /// * spacing.
 struct PatternConfig {
+  PatternKind kind = PatternKind::kCircles;
   int columns{}, rows{};
   int origin_column{},
       origin_row{};  ///< of the origin circle, counted from the corner with the least x and y
   double spacing_mm{}, radius_mm{}, direction_radius_mm{};
   std::vector<std::array<int, 2>>
-      direction_circles;                  ///< four (column, row) relative to the origin circle
-  bool bright = true;                     ///< bright circles on a dark ground
+      direction_circles;  ///< four (column, row) relative to the origin circle; kCircles only
+  bool bright = true;     ///< bright circles on a dark ground
   Vector3d offset_mm = Vector3d::Zero();  ///< origin circle from the gimbal centre at zero angles
 };
 

@@ -42,7 +42,7 @@ PoseView view_of(const TakenPose& pose, const RunFolder& folder, const RigFile& 
               "{} ({} round components seen, {} cut by the border). Check focus, light and the "
               "pattern section of the rig file.",
               pattern_status_name(search.status), search.candidates, search.cut_by_border));
-    for (const IndexedCircle& c : search.circles) {
+    for (const PatternPoint& c : search.points) {
       view.centres_px.try_emplace({c.row, c.column}, Vector2d::Zero()).first->second += c.centre_px;
       ++seen[{c.row, c.column}];
     }

@@ -1,205 +1,289 @@
 #include "src/vision/pattern.h"
 
-#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <map>
-#include <opencv2/calib3d.hpp>
-#include <opencv2/imgproc.hpp>
 #include <optional>
+#include <set>
 
-#include "src/vision/centroid.h"
+#include "src/vision/board.h"
+#include "src/vision/circles.h"
+#include "src/vision/lattice.h"
 
 namespace turntable {
 namespace {
 
-using Eigen::Matrix3d;
+using Eigen::Matrix2i;
 using Eigen::Vector2d;
-using Eigen::Vector3d;
+using Eigen::Vector2i;
 
-constexpr int kMarginPx = 3;
-constexpr double kLatticeTolerance =
-    0.15;  ///< of the spacing, between a circle and its lattice point
-constexpr int kScoringReach =
-    5;  ///< lattice steps around the bigger circles in which namings compete
+constexpr std::size_t kFewestCircles = 12;  ///< a lattice of fewer proves too little
 
-struct Blob {
-  Vector2d centre_px;
-  double sigma_px;
-  double mass_px;
-  PixelBox box;
-  double size_ratio = 1.0;  ///< area against the median of the neighbours'
+/// Circles on one lattice, each with its size against that of the small ones.
+struct SeenLattice {
+  std::vector<Circle> circles;
+  std::vector<Vector2i> at;
+  std::vector<double> size;  ///< area on the pattern over the median's
 };
 
-Matrix3d to_eigen(const cv::Mat& m) {
-  Matrix3d out;
-  for (int i = 0; i < 3; ++i)
-    for (int j = 0; j < 3; ++j) out(i, j) = m.at<double>(i, j);
-  return out;
-}
-
-Vector2d apply(const Matrix3d& H, const Vector2d& p) { return (H * p.homogeneous()).hnormalized(); }
-
-std::vector<Blob> find_blobs(ImageView image, bool bright, PatternSearch& search) {
-  std::vector<Blob> blobs;
-  const GreyRange range = grey_range(image);
-  if (range.peak_to_peak() < 20) return blobs;
-  // Half way between ground and circle, where blur moves no edge.
-  const double threshold = 0.5 * (range.min + range.max);
-  for (const Component& c : find_components(image, threshold, bright)) {
-    const double w = c.box.width(), h = c.box.height();
-    if (c.area_px < 20 || std::max(w, h) > 3.0 * std::min(w, h) || c.area_px < 0.5 * w * h)
-      continue;
-    Centroid centroid;
-    if (c.touches_border || !contrast_centroid(image, c, bright, kMarginPx, centroid)) {
-      ++search.cut_by_border;
-      continue;
+/// Leaves the members of the lattice that one smooth map explains.
+/// @return kFound, kNoLattice or kInconsistent.
+PatternStatus check_lattice(std::vector<LatticeNode>& nodes, const std::vector<Circle>& circles,
+                            PatternMap& map) {
+  constexpr double kFarSteps = 0.01;     // a member's residual up to here is never doubted
+  constexpr double kSmoothSteps = 0.02;  // rms of what is left; more is not one lattice
+  std::vector<bool> keep(nodes.size(), true);
+  std::vector<Vector2d> off(nodes.size());  // in lattice steps
+  std::vector<Vector2d> at, px;
+  std::vector<double> sizes;
+  for (int pass = 0; pass < 6; ++pass) {
+    at.clear();
+    px.clear();
+    for (std::size_t i = 0; i < nodes.size(); ++i) {
+      if (!keep[i]) continue;
+      at.push_back(nodes[i].at.cast<double>());
+      px.push_back(circles[nodes[i].circle].centre_px);
     }
-    blobs.push_back({centroid.centre_px, centroid.sigma_px, static_cast<double>(c.area_px), c.box});
+    if (at.size() < kFewestCircles || !map.fit(at, px)) return PatternStatus::kNoLattice;
+    sizes.clear();
+    std::vector<double> allowance(nodes.size());
+    for (std::size_t i = 0; i < nodes.size(); ++i) {
+      const PatternMap::Taylor f = map.at(nodes[i].at.cast<double>());
+      const Circle& c = circles[nodes[i].circle];
+      off[i] = f.J.inverse() * (c.centre_px - f.px);
+      allowance[i] =
+          std::max(kFarSteps, 5.0 * c.sigma_px / std::min(f.J.col(0).norm(), f.J.col(1).norm()));
+      if (keep[i]) sizes.push_back(off[i].norm());
+    }
+    const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2);
+    std::nth_element(sizes.begin(), middle, sizes.end());
+    const double usual = 7.0 * *middle;
+    bool changed = false;
+    for (std::size_t i = 0; i < nodes.size(); ++i) {
+      const bool good = off[i].norm() <= std::max(allowance[i], usual);
+      changed = changed || good != keep[i];
+      keep[i] = good;
+    }
+    if (!changed) break;
   }
-  search.candidates = static_cast<int>(blobs.size());
-  return blobs;
+  // A part that is shifted as a whole: neighbours that are off, and off alike.
+  int alike = 0;
+  for (std::size_t i = 0; i < nodes.size(); ++i) {
+    if (keep[i]) continue;
+    int n = 0;
+    for (std::size_t j = 0; j < nodes.size(); ++j)
+      if (!keep[j] && (nodes[i].at - nodes[j].at).cwiseAbs().sum() == 1 &&
+          (off[i] - off[j]).norm() < 0.25 * off[i].norm())
+        ++n;
+    if (n >= 2) ++alike;
+  }
+  double sum = 0.0;
+  std::vector<LatticeNode> good;
+  for (std::size_t i = 0; i < nodes.size(); ++i)
+    if (keep[i]) {
+      sum += off[i].squaredNorm();
+      good.push_back(nodes[i]);
+    }
+  nodes = std::move(good);
+  if (nodes.size() < kFewestCircles) return PatternStatus::kNoLattice;
+  if (alike >= 3 || std::sqrt(sum / static_cast<double>(nodes.size())) > kSmoothSteps)
+    return PatternStatus::kInconsistent;
+  return PatternStatus::kFound;
 }
 
-/// Area of each blob against the median of its eight nearest neighbours: perspective cancels.
-void compare_with_neighbours(std::vector<Blob>& blobs) {
-  std::vector<std::pair<double, double>> near;  // distance, area
-  for (Blob& blob : blobs) {
-    near.clear();
-    for (const Blob& other : blobs)
-      if (&other != &blob)
-        near.emplace_back((other.centre_px - blob.centre_px).squaredNorm(), other.mass_px);
-    const std::size_t k = std::min<std::size_t>(8, near.size());
-    if (k == 0) continue;
-    std::ranges::nth_element(near, near.begin() + static_cast<std::ptrdiff_t>(k) - 1);
-    std::ranges::nth_element(near.begin(), near.begin() + static_cast<std::ptrdiff_t>(k / 2),
-                             near.begin() + static_cast<std::ptrdiff_t>(k), {},
-                             &std::pair<double, double>::second);
-    blob.size_ratio = blob.mass_px / near[k / 2].second;
+/// Circles of the image on one lattice, checked.
+PatternStatus see_lattice(ImageView image, const PatternConfig& pattern,
+                          const PatternOptions& options, PatternSearch& search, SeenLattice& out) {
+  CircleOptions circle_options;
+  circle_options.electrons_per_grey = options.electrons_per_grey;
+  CircleSearch seen = find_circles(image, pattern.bright, circle_options);
+  search.candidates = static_cast<int>(seen.circles.size());
+  search.cut_by_border = seen.cut_by_border;
+  if (seen.circles.empty()) return PatternStatus::kNoContrast;
+  const double radius = pattern.radius_mm / pattern.spacing_mm;
+  std::vector<LatticeNode> nodes = grow_lattice(
+      seen.circles, {radius, std::max(radius, pattern.direction_radius_mm / pattern.spacing_mm)});
+  if (nodes.size() < kFewestCircles) return PatternStatus::kNoLattice;
+  PatternMap map;
+  if (const PatternStatus s = check_lattice(nodes, seen.circles, map); s != PatternStatus::kFound)
+    return s;
+
+  std::vector<double> sorted;
+  for (const LatticeNode& node : nodes) {
+    const Circle& c = seen.circles[node.circle];
+    out.circles.push_back(c);
+    out.at.push_back(node.at);
+    out.size.push_back(c.radius_px * c.radius_px /
+                       std::abs(map.at(node.at.cast<double>()).J.determinant()));
   }
+  sorted = out.size;
+  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+  std::nth_element(sorted.begin(), middle, sorted.end());
+  for (double& size : out.size) size /= *middle;
+  return PatternStatus::kFound;
 }
 
-struct Naming {
-  Matrix3d H_px_from_lattice = Matrix3d::Identity();
-  int score = 0;
-  bool mirrored = false;
+/// A way to read the lattice as the drawn pattern: drawn = turn * seen + shift.
+struct Reading {
+  Matrix2i turn = Matrix2i::Identity();
+  Vector2i shift = Vector2i::Zero();
+  int hits = 0;            ///< bigger circles where they are drawn
+  int contradictions = 0;  ///< bigger where a small one is drawn, or the reverse
+  int off_pattern = 0;
+  int score() const { return hits - contradictions - off_pattern; }
+  bool mirrored() const { return turn(0, 0) * turn(1, 1) - turn(0, 1) * turn(1, 0) < 0; }
 };
 
-/// How many circles near the bigger ones fall on free lattice points.
-int score_of(const Matrix3d& H_lattice_from_px, const std::vector<Blob>& blobs,
-             const PatternConfig& pattern) {
-  int score = 0;
-  for (const Blob& blob : blobs) {
-    const Vector2d at = apply(H_lattice_from_px, blob.centre_px);
-    const Vector2d lattice(std::round(at.x()), std::round(at.y()));
-    if (!((at - lattice).cwiseAbs().maxCoeff() < kLatticeTolerance)) continue;
-    const double column = lattice.x() + pattern.origin_column,
-                 row = lattice.y() + pattern.origin_row;
-    if (column < 0 || row < 0 || column >= pattern.columns || row >= pattern.rows) continue;
-    const auto near =
-        std::ranges::any_of(pattern.direction_circles, [&](const std::array<int, 2>& d) {
-          return std::abs(d[0] - lattice.x()) + std::abs(d[1] - lattice.y()) <= kScoringReach;
-        });
-    if (near) ++score;
-  }
-  return score;
+bool on_pattern(const Vector2i& from_origin, const PatternConfig& p) {
+  const int column = from_origin.x() + p.origin_column, row = from_origin.y() + p.origin_row;
+  return column >= 0 && row >= 0 && column < p.columns && row < p.rows;
 }
 
-/// All ways to name four of the locally biggest blobs; the best two.
-std::pair<Naming, Naming> best_namings(const std::vector<Blob>& blobs,
-                                       const PatternConfig& pattern) {
+PatternSearch find_directed_circles(ImageView image, const PatternConfig& pattern,
+                                    const PatternOptions& options) {
+  PatternSearch search;
+  SeenLattice seen;
+  search.status = see_lattice(image, pattern, options, search, seen);
+  if (search.status != PatternStatus::kFound) return search;
+
+  // Size in the logarithm: 0 = small, 1 = bigger as drawn; in between neither is said.
+  enum class Size { kSmall, kUnclear, kBig };
+  const double step = 2.0 * std::log(pattern.direction_radius_mm / pattern.radius_mm);
+  std::vector<Size> sizes;
   std::vector<std::size_t> big;
-  for (std::size_t i = 0; i < blobs.size(); ++i)
-    if (blobs[i].size_ratio > 1.25) big.push_back(i);
-  std::ranges::sort(
-      big, [&](std::size_t a, std::size_t b) { return blobs[a].size_ratio > blobs[b].size_ratio; });
-  if (big.size() > 7) big.resize(7);
+  for (std::size_t i = 0; i < seen.at.size(); ++i) {
+    const double size = std::log(seen.size[i]) / step;
+    sizes.push_back(size > 0.6 ? Size::kBig : size < 0.4 ? Size::kSmall : Size::kUnclear);
+    if (sizes.back() == Size::kBig) big.push_back(i);
+  }
+  if (big.size() < 3) {
+    search.status = PatternStatus::kDirectionCirclesMissing;
+    return search;
+  }
+  if (big.size() > 16) {  // no pattern of ours
+    search.status = PatternStatus::kAmbiguous;
+    return search;
+  }
 
-  std::array<cv::Point2f, 4> lattice;
-  for (std::size_t i = 0; i < 4; ++i)
-    lattice[i] = cv::Point2f(static_cast<float>(pattern.direction_circles[i][0]),
-                             static_cast<float>(pattern.direction_circles[i][1]));
-  std::pair<Naming, Naming> best;
-  const auto n = big.size();
-  for (std::size_t a = 0; a < n; ++a)
-    for (std::size_t b = 0; b < n; ++b)
-      for (std::size_t c = 0; c < n; ++c)
-        for (std::size_t d = 0; d < n; ++d) {
-          if (a == b || a == c || a == d || b == c || b == d || c == d) continue;
-          std::array<cv::Point2f, 4> px;
-          for (std::size_t i = 0; const std::size_t k : {a, b, c, d})
-            px[i++] = cv::Point2f(static_cast<float>(blobs[big[k]].centre_px.x()),
-                                  static_cast<float>(blobs[big[k]].centre_px.y()));
-          const Matrix3d H = to_eigen(cv::getPerspectiveTransform(lattice, px));
-          if (!H.allFinite() || !(std::abs(H.determinant()) > 1e-12)) continue;
-          Naming naming;
-          naming.H_px_from_lattice = H;
-          naming.score = score_of(H.inverse(), blobs, pattern);
-          // y of the pattern runs up, v of the image down: seen from its front the lattice is
-          // turned over once.
-          const Vector2d o = apply(H, {0, 0}), x = apply(H, {1, 0}) - o, y = apply(H, {0, 1}) - o;
-          naming.mirrored = x.x() * y.y() - x.y() * y.x() > 0;
-          if (naming.score > best.first.score) {
-            best.second = best.first;
-            best.first = naming;
-          } else if (naming.score > best.second.score) {
-            best.second = naming;
+  // Where bigger ones are drawn, by place.
+  std::vector<bool> drawn_big(static_cast<std::size_t>(pattern.columns * pattern.rows), false);
+  const auto place = [&](const Vector2i& from_origin) {
+    return static_cast<std::size_t>((from_origin.y() + pattern.origin_row) * pattern.columns +
+                                    from_origin.x() + pattern.origin_column);
+  };
+  for (const auto& drawn : pattern.direction_circles) drawn_big[place({drawn[0], drawn[1]})] = true;
+
+  std::vector<Reading> readings;
+  std::set<std::array<int, 3>> tried;
+  for (int k = 0; k < 8; ++k) {
+    const int c = std::array{1, 0, -1, 0}[static_cast<std::size_t>(k % 4)],
+              s = std::array{0, 1, 0, -1}[static_cast<std::size_t>(k % 4)];
+    Matrix2i turn;
+    turn << c, -s, s, c;
+    if (k >= 4) turn.col(0) *= -1;
+    for (const std::size_t b : big)
+      for (const auto& drawn : pattern.direction_circles) {
+        Reading r;
+        r.turn = turn;
+        r.shift = Vector2i(drawn[0], drawn[1]) - turn * seen.at[b];
+        if (!tried.insert({k, r.shift.x(), r.shift.y()}).second) continue;
+        for (std::size_t i = 0; i < seen.at.size(); ++i) {
+          const Vector2i at = r.turn * seen.at[i] + r.shift;
+          if (!on_pattern(at, pattern)) {
+            ++r.off_pattern;
+            continue;
           }
+          const bool should_be_big = drawn_big[place(at)];
+          if (sizes[i] == Size::kBig) ++(should_be_big ? r.hits : r.contradictions);
+          if (sizes[i] == Size::kSmall && should_be_big) ++r.contradictions;
         }
-  return best;
-}
-
-using Assignment = std::map<std::array<int, 2>, std::size_t>;  // lattice (row, column) -> blob
-
-/// Blobs on lattice points under H; a point claimed twice goes to the nearer blob.
-Assignment assign(const Matrix3d& H_px_from_lattice, const std::vector<Blob>& blobs,
-                  const PatternConfig& pattern, double reach) {
-  const Matrix3d inverse = H_px_from_lattice.inverse();
-  Assignment assignment;
-  std::map<std::array<int, 2>, double> miss;
-  for (std::size_t i = 0; i < blobs.size(); ++i) {
-    const Vector2d at = apply(inverse, blobs[i].centre_px);
-    if (!at.allFinite() || at.cwiseAbs().maxCoeff() > 1000) continue;
-    const int column = static_cast<int>(std::lround(at.x())),
-              row = static_cast<int>(std::lround(at.y()));
-    const double off = (at - Vector2d(column, row)).cwiseAbs().maxCoeff();
-    if (off > kLatticeTolerance || at.norm() > reach) continue;
-    if (column + pattern.origin_column < 0 || column + pattern.origin_column >= pattern.columns ||
-        row + pattern.origin_row < 0 || row + pattern.origin_row >= pattern.rows)
-      continue;
-    const std::array key{row, column};
-    if (const auto it = miss.find(key); it != miss.end() && it->second <= off) continue;
-    miss[key] = off;
-    assignment[key] = i;
+        readings.push_back(r);
+      }
   }
-  return assignment;
-}
-
-std::optional<Matrix3d> fit_homography(const Assignment& assignment,
-                                       const std::vector<Blob>& blobs) {
-  std::vector<cv::Point2d> lattice, px;
-  for (const auto& [key, blob] : assignment) {
-    lattice.emplace_back(key[1], key[0]);
-    px.emplace_back(blobs[blob].centre_px.x(), blobs[blob].centre_px.y());
+  std::ranges::stable_sort(readings, std::ranges::greater{}, &Reading::score);
+  const Reading& best = readings.front();
+  const int stray = std::max(2, static_cast<int>(seen.at.size()) / 30);
+  const bool close = readings.size() > 1 && readings[1].score() > best.score() - 2;
+  if (best.hits < 3 || best.contradictions > 0 || best.off_pattern > stray || close) {
+    search.status = PatternStatus::kAmbiguous;
+    return search;
   }
-  if (lattice.size() < 4) return std::nullopt;
-  const cv::Mat H = cv::findHomography(lattice, px);
-  if (H.empty()) return std::nullopt;
-  return to_eigen(H);
+  if (best.mirrored()) {
+    search.status = PatternStatus::kMirrored;
+    return search;
+  }
+
+  std::vector<BoardPoint> points;
+  std::vector<double> radii;
+  const Vector2i origin(pattern.origin_column, pattern.origin_row);
+  for (std::size_t i = 0; i < seen.at.size(); ++i) {
+    const Vector2i at = best.turn * seen.at[i] + best.shift;
+    if (!on_pattern(at, pattern)) continue;
+    points.push_back({at + origin, seen.circles[i]});
+    radii.push_back(drawn_big[place(at)] ? pattern.direction_radius_mm : pattern.radius_mm);
+  }
+  finish_board(points, radii, pattern, options, search);
+  return search;
 }
 
-/// Image of the centre minus centre of the image, for a circle of `radius` (in lattice units) under
-/// H. The dual conic of the circle about c is  C* = T diag(r^2, r^2, -1) T^T  (up to sign), its
-/// image H C* H^T, and the centre of a conic is the pole of the line at infinity: C* (0, 0, 1)^T.
-Vector2d centre_bias_px(const Matrix3d& H, const Vector2d& centre, double radius) {
-  Matrix3d T = Matrix3d::Identity();
-  T.col(2).head<2>() = centre;
-  const Matrix3d dual =
-      T * Vector3d(radius * radius, radius * radius, -1.0).asDiagonal() * T.transpose();
-  const Vector3d pole = (H * dual * H.transpose()).col(2);
-  return apply(H, centre) - pole.hnormalized();
+PatternSearch find_circle_grid(ImageView image, const PatternConfig& pattern,
+                               const PatternOptions& options) {
+  PatternSearch search;
+  SeenLattice seen;
+  search.status = see_lattice(image, pattern, options, search, seen);
+  if (search.status != PatternStatus::kFound) return search;
+
+  // Every window of the grid's size, upright or turned by a quarter, that is full of circles.
+  Vector2i low = seen.at.front(), high = low;
+  for (const Vector2i& at : seen.at) {
+    low = low.cwiseMin(at);
+    high = high.cwiseMax(at);
+  }
+  const Vector2i extent = high - low + Vector2i::Ones();
+  std::vector<int> member(
+      static_cast<std::size_t>(extent.x()) * static_cast<std::size_t>(extent.y()), -1);
+  const auto cell = [&](int c, int r) -> int& {
+    return member[static_cast<std::size_t>(r) * static_cast<std::size_t>(extent.x()) +
+                  static_cast<std::size_t>(c)];
+  };
+  for (std::size_t i = 0; i < seen.at.size(); ++i)
+    cell(seen.at[i].x() - low.x(), seen.at[i].y() - low.y()) = static_cast<int>(i);
+  const bool square = pattern.columns == pattern.rows;
+  std::vector<BoardPoint> points;
+  int full = 0;
+  for (int turned = 0; turned < (square ? 1 : 2); ++turned) {
+    const int wide = turned ? pattern.rows : pattern.columns,
+              high_rows = turned ? pattern.columns : pattern.rows;
+    for (int r0 = 0; r0 + high_rows <= extent.y(); ++r0)
+      for (int c0 = 0; c0 + wide <= extent.x(); ++c0) {
+        std::vector<BoardPoint> window;
+        for (int r = 0; r < high_rows; ++r)
+          for (int c = 0; c < wide; ++c) {
+            const int i = cell(c0 + c, r0 + r);
+            if (i < 0) {
+              r = high_rows;
+              break;
+            }
+            // A quarter turn keeps the lattice right-handed.
+            window.push_back({turned ? Vector2i(r, wide - 1 - c) : Vector2i(c, r),
+                              seen.circles[static_cast<std::size_t>(i)]});
+          }
+        if (static_cast<int>(window.size()) < wide * high_rows) continue;
+        ++full;
+        points = std::move(window);
+      }
+  }
+  if (full != 1) {
+    search.status = full == 0 ? PatternStatus::kIncomplete : PatternStatus::kAmbiguous;
+    return search;
+  }
+  search.half_turn_ambiguous = true;
+  search.quarter_turn_ambiguous = square;
+  turn_upright(points, pattern.columns, pattern.rows, square);
+  finish_board(points, std::vector<double>(points.size(), pattern.radius_mm), pattern, options,
+               search);
+  return search;
 }
 
 }  // namespace
@@ -209,85 +293,36 @@ std::string_view pattern_status_name(PatternStatus status) {
     case PatternStatus::kFound:
       return "found";
     case PatternStatus::kNoContrast:
-      return "no circles: too little contrast";
+      return "no pattern: too little contrast";
+    case PatternStatus::kNoLattice:
+      return "nothing stands like the pattern";
+    case PatternStatus::kInconsistent:
+      return "the points do not lie on one smooth lattice: bent, shifted or seen twice";
     case PatternStatus::kDirectionCirclesMissing:
-      return "the four bigger circles were not seen";
+      return "fewer than three of the four bigger circles were seen";
     case PatternStatus::kAmbiguous:
       return "the pattern's direction is ambiguous";
     case PatternStatus::kMirrored:
       return "the pattern appears mirrored: its y direction is stated wrongly in the rig file";
+    case PatternStatus::kIncomplete:
+      return "not all of the pattern is in view, which has no direction circles";
   }
   return "?";
 }
 
-PatternSearch find_pattern(ImageView image, const PatternConfig& pattern) {
-  PatternSearch search;
-  if (image.empty()) return search;
-  std::vector<Blob> blobs = find_blobs(image, pattern.bright, search);
-  if (blobs.empty()) return search;
-  if (blobs.size() > 4000) {  // not a pattern; and the search below is quadratic
-    search.status = PatternStatus::kAmbiguous;
-    return search;
-  }
-  compare_with_neighbours(blobs);
-  const auto [first, second] = best_namings(blobs, pattern);
-  if (first.score < 12) {
-    search.status = PatternStatus::kDirectionCirclesMissing;
-    return search;
-  }
-  if (second.score > 0.7 * first.score) {
-    search.status = PatternStatus::kAmbiguous;
-    return search;
-  }
-  if (first.mirrored) {
-    search.status = PatternStatus::kMirrored;
-    return search;
-  }
-
-  // Four points carry a homography only so far: grow outwards, refitting on what is certain.
-  Matrix3d H = first.H_px_from_lattice;
-  Assignment assignment;
-  const double last_reach = std::hypot(pattern.columns, pattern.rows);
-  for (double reach = kScoringReach;; reach *= 1.6) {
-    assignment = assign(H, blobs, pattern, reach);
-    const auto refined = fit_homography(assignment, blobs);
-    if (!refined) {
-      search.status = PatternStatus::kDirectionCirclesMissing;
-      return search;
-    }
-    H = *refined;
-    if (reach > last_reach) break;
-  }
-  assignment = assign(H, blobs, pattern, last_reach);
-
-  const auto is_direction = [&](const std::array<int, 2>& key) {
-    return std::ranges::find(pattern.direction_circles, std::array{key[1], key[0]}) !=
-           pattern.direction_circles.end();
+PatternSearch find_pattern(ImageView image, const PatternConfig& pattern,
+                           const PatternOptions& options) {
+  using Find = PatternSearch (*)(ImageView, const PatternConfig&, const PatternOptions&);
+  struct Kind {
+    PatternKind kind;
+    Find find;
   };
-  // Wrong indexing must be impossible to miss: the bigger circles, and only they, are big.
-  int contradictions = 0;
-  for (const auto& [key, i] : assignment)
-    if (is_direction(key) != (blobs[i].size_ratio > 1.25)) ++contradictions;
-  if (contradictions > 1 + static_cast<int>(assignment.size()) / 50) {
-    search.status = PatternStatus::kAmbiguous;
-    return search;
-  }
-
-  for (const auto& [key, i] : assignment) {
-    const Blob& blob = blobs[i];
-    const double radius = is_direction(key) ? pattern.direction_radius_mm : pattern.radius_mm;
-    IndexedCircle circle;
-    circle.column = key[1];
-    circle.row = key[0];
-    circle.centre_px = blob.centre_px + centre_bias_px(H, Vector2d(circle.column, circle.row),
-                                                       radius / pattern.spacing_mm);
-    circle.sigma_px = blob.sigma_px;
-    circle.box = blob.box;
-    search.circles.push_back(circle);
-  }
-  search.unexplained = search.candidates - static_cast<int>(assignment.size());
-  search.status = PatternStatus::kFound;
-  return search;
+  constexpr std::array<Kind, 4> kKinds{{{PatternKind::kCircles, find_directed_circles},
+                                        {PatternKind::kCircleGrid, find_circle_grid},
+                                        {PatternKind::kAsymmetricCircles, find_asymmetric_circles},
+                                        {PatternKind::kChessboard, find_chessboard}}};
+  if (image.empty()) return {};
+  return std::ranges::find(kKinds, pattern.kind, &Kind::kind)->find(image, pattern, options);
 }
 
 }  // namespace turntable

@@ -7,10 +7,12 @@
 #include <chrono>
 #include <cmath>
 #include <cstring>
+#include <opencv2/calib3d.hpp>
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
+#include "src/core/random.h"
 #include "src/vision/pattern.h"
 #include "src/vision/spots.h"
 #include "tests/support/simulated_view.h"
@@ -153,16 +155,138 @@ void pattern_ours(benchmark::State& state) {
   for (auto _ : state) search = find_pattern(pattern_image(), view().rig().pattern);
   view().world().mount(Payload::kCirclePattern);
   double sum = 0.0;
-  for (const IndexedCircle& c : search.circles) {
-    const Vector2d p = c.on_pattern_mm(view().rig().pattern.spacing_mm);
+  for (const PatternPoint& c : search.points) {
+    const Vector2d p = c.on_pattern_mm;
     sum += (c.centre_px - view().pixel_of({p.x(), p.y(), 0})).squaredNorm();
   }
-  const double rms = std::sqrt(sum / (2.0 * static_cast<double>(search.circles.size())));
-  state.counters["circles"] = static_cast<double>(search.circles.size());
+  const double rms = std::sqrt(sum / (2.0 * static_cast<double>(search.points.size())));
+  state.counters["circles"] = static_cast<double>(search.points.size());
   state.counters["rms_px"] = rms;
-  if (!(rms < 0.01) || search.circles.size() < 150) state.SkipWithError("the pattern is wrong");
+  if (!(rms < 0.01) || search.points.size() < 150) state.SkipWithError("the pattern is wrong");
 }
 BENCHMARK(pattern_ours)->Unit(benchmark::kMillisecond);
+
+/// 15 x 15 equal dark circles, all in view, as OpenCV's search needs them.
+struct GridScene {
+  SimulatedView view;
+  Image image;
+
+  GridScene() : view(rig()) {
+    view.stand(0, 5, 5, -5);
+    image = view.look(Payload::kCirclePattern);
+  }
+  static RigFile rig() {
+    RigFile rig = shipped_rig("simulated");
+    rig.pattern.kind = PatternKind::kCircleGrid;
+    rig.pattern.columns = rig.pattern.rows = 15;
+    rig.pattern.origin_column = rig.pattern.origin_row = 7;
+    rig.pattern.direction_circles.clear();
+    rig.pattern.bright = false;
+    return rig;
+  }
+  /// rms per coordinate of image points against the nearest true centres, px.
+  double rms(const std::vector<Vector2d>& found) const {
+    double sum = 0.0;
+    for (const Vector2d& p : found) {
+      double least = INFINITY;
+      for (int row = -7; row <= 7; ++row)
+        for (int column = -7; column <= 7; ++column)
+          least = std::min(least, (p - view.pixel_of({20.0 * column, 20.0 * row, 0})).squaredNorm());
+      sum += least;
+    }
+    return std::sqrt(sum / (2.0 * static_cast<double>(found.size())));
+  }
+};
+
+GridScene& grid_scene() {
+  static GridScene scene;
+  return scene;
+}
+
+std::vector<Vector2d> opencv_grid(const Image& image) {
+  std::vector<cv::Point2f> centres;  // the detector's default areas, 25 to 5000 px, fit the image
+  if (!cv::findCirclesGrid(as_cv(image), {15, 15}, centres, cv::CALIB_CB_SYMMETRIC_GRID)) return {};
+  std::vector<Vector2d> out;
+  for (const cv::Point2f& p : centres) out.emplace_back(p.x, p.y);
+  return out;
+}
+
+double seconds_of(auto&& work) {
+  const auto start = std::chrono::steady_clock::now();
+  work();
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+void grid_ours(benchmark::State& state) {
+  const GridScene& scene = grid_scene();
+  const PatternConfig& pattern = scene.view.rig().pattern;
+  PatternSearch search;
+  std::vector<double> ours, theirs;
+  for (auto _ : state) search = find_pattern(scene.image, pattern);
+  std::vector<Vector2d> opencv;
+  for (int i = 0; i < 7; ++i) {  // in turns, so that both meet the same machine
+    theirs.push_back(seconds_of([&] { opencv = opencv_grid(scene.image); }));
+    ours.push_back(seconds_of([&] { search = find_pattern(scene.image, pattern); }));
+  }
+  std::ranges::sort(ours);
+  std::ranges::sort(theirs);
+  std::vector<Vector2d> found;
+  for (const PatternPoint& p : search.points) found.push_back(p.centre_px);
+  state.counters["circles"] = static_cast<double>(found.size());
+  state.counters["opencv_over_ours"] = theirs[3] / ours[3];
+  state.counters["rms_px"] = scene.rms(found);
+  state.counters["opencv_rms_px"] = scene.rms(opencv);
+  if (found.size() != 225 || opencv.size() != 225 || !(scene.rms(found) <= scene.rms(opencv)))
+    state.SkipWithError("the grid is wrong, or less exact than OpenCV's");
+}
+BENCHMARK(grid_ours)->Unit(benchmark::kMillisecond);
+
+void grid_opencv(benchmark::State& state) {
+  std::vector<Vector2d> found;
+  for (auto _ : state) found = opencv_grid(grid_scene().image);
+  if (found.size() != 225) state.SkipWithError("225 circles expected");
+}
+BENCHMARK(grid_opencv)->Unit(benchmark::kMillisecond);
+
+/// A thousand round blobs between the circles.
+void pattern_among_false_blobs(benchmark::State& state) {
+  static const Image image = [] {
+    Image cluttered = pattern_image();
+    const ImageView clean = pattern_image();
+    Random random(1, "bench: false blobs");
+    for (int drawn = 0; drawn < 1000;) {
+      const double radius = random.uniform(2.6, 6.0);
+      const int reach = static_cast<int>(radius) + 5;
+      const int u = static_cast<int>(random.uniform(reach, clean.width - reach)),
+                v = static_cast<int>(random.uniform(reach, clean.height - reach));
+      bool free = true;
+      for (int dv = -reach; dv <= reach && free; ++dv)
+        for (int du = -reach; du <= reach && free; ++du)
+          free = cluttered.row(v + dv)[u + du] < 60;
+      if (!free && random.uniform() < 0.999) continue;  // a few may touch
+      for (int dv = -reach; dv <= reach; ++dv)
+        for (int du = -reach; du <= reach; ++du) {
+          const double inside = radius - std::hypot(du, dv);
+          if (inside > 0)
+            cluttered.row(v + dv)[u + du] = static_cast<std::uint8_t>(25 + 180 * std::min(1.0, inside));
+        }
+      ++drawn;
+    }
+    return cluttered;
+  }();
+  PatternSearch search;
+  for (auto _ : state) search = find_pattern(image, view().rig().pattern);
+  view().world().mount(Payload::kCirclePattern);
+  int wrong = 0;
+  for (const PatternPoint& c : search.points)
+    if ((c.centre_px - view().pixel_of({c.on_pattern_mm.x(), c.on_pattern_mm.y(), 0})).norm() > 1)
+      ++wrong;
+  state.counters["candidates"] = search.candidates;
+  state.counters["circles"] = static_cast<double>(search.points.size());
+  state.counters["wrong"] = wrong;
+  if (wrong > 0 || search.points.size() < 150) state.SkipWithError("the pattern is wrong");
+}
+BENCHMARK(pattern_among_false_blobs)->Unit(benchmark::kMillisecond);
 
 void render_leds(benchmark::State& state) {
   for (auto _ : state) benchmark::DoNotOptimize(view().look(Payload::kLedTarget));
