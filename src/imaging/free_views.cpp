@@ -24,8 +24,10 @@ using Eigen::VectorXd;
 
 constexpr int kMaxOrder = 9;
 constexpr int kMaxSteps = 60;
-/// A step that moves the points' residuals by less, rms, has arrived.
-constexpr double kArrivedPx = 1e-6;
+/// A step has arrived that changes the residuals by less than this, rms, and this part of theirs.
+constexpr double kArrivedPx = 1e-6, kArrived = 1e-4;
+/// Relative to a unit diagonal. The least only keeps rounding in check.
+constexpr double kFirstDamping = 1e-4, kLeastDamping = 1e-12;
 constexpr double kOutlierSigmas = 6.0;
 constexpr double kNeverOutlierPx = 0.1;
 
@@ -185,29 +187,32 @@ struct Iteration {
 };
 template <class State, class Equations, class Move>
 Iteration minimise(State& state, const Equations& equations, const Move& move, const MatrixXd& held,
-                   double points) {
-  double damping = 1e-4;
+                   double points, double damping = kFirstDamping) {
   Normals here = equations(state);
   Iteration it;
+  bool full = false;  // has tried a step that damping did not shorten
   for (it.sum = here.sum; it.steps < kMaxSteps && std::isfinite(here.sum); ++it.steps) {
     const Step step = damped_step(here, damping, held, points);
-    if (!std::isfinite(step.rms_px)) {
-      it.singular = true;
-      return it;
+    it.singular = !std::isfinite(step.rms_px);
+    if (it.singular) return it;
+    if (step.rms_px < kArrivedPx + kArrived * std::sqrt(here.sum / points)) {
+      if (full) {
+        it.converged = true;
+        return it;
+      }
+      full = true;
+      damping = kLeastDamping;
+      continue;
     }
-    if (step.rms_px < kArrivedPx) {
-      it.converged = true;
-      return it;
-    }
-    const State next = move(state, step.unknowns);
+    State next = move(state, step.unknowns);
     Normals there = equations(next);
     if (there.sum <= here.sum) {
-      state = next;
+      state = std::move(next);
       here = std::move(there);
       it.sum = here.sum;
-      damping = std::max(1e-12, 0.1 * damping);
+      damping = std::max(kLeastDamping, 0.03 * damping);
     } else {
-      damping = 10.0 * std::max(1e-8, damping);
+      damping = 10.0 * std::max(1e-6, damping);
     }
   }
   return it;
@@ -436,14 +441,21 @@ CentralFit fit_central(std::span<const FreeView> views, ImageSize size) {
   };
   const MatrixXd nothing_held(kIntrinsics + 6 * static_cast<Index>(views.size()), 0);
 
-  // One lens angle after another, in image widths: from 180 deg to a tele lens.
-  CentralFit best;
-  Iteration best_iteration{INFINITY};
+  // One lens angle after another, in image widths, from 180 deg to a tele lens; the two that look
+  // best are worked out.
+  std::vector<std::pair<double, CentralFit>> starts;
   for (const double widths : {0.2, 0.3, 0.5, 0.8, 1.3, 2.0, 3.5}) {
     CentralFit fit;
     fit.focal_px.setConstant(widths * size.width);
     fit.principal_px = 0.5 * Vector2d(size.width - 1, size.height - 1);
     for (const FreeView& view : views) fit.poses.push_back(first_pose(fit, view));
+    starts.emplace_back(equations(fit).sum, fit);
+  }
+  std::ranges::sort(starts, {}, [](const auto& start) { return start.first; });
+  CentralFit best;
+  Iteration best_iteration{INFINITY};
+  for (std::size_t i = 0; i < 2; ++i) {
+    CentralFit fit = starts[i].second;
     const Iteration it = minimise(fit, equations, move, nothing_held, static_cast<double>(points));
     if (it.sum < best_iteration.sum) {
       best = fit;
@@ -517,7 +529,8 @@ FreeViewsFit fit_rays(std::span<const FreeView> views, ImageSize size, int order
   fit.order = order;
   for (;;) {
     const std::size_t count = all - fit.outliers.size();
-    const Iteration it = minimise(scene, equations, move, held, static_cast<double>(count));
+    const Iteration it = minimise(scene, equations, move, held, static_cast<double>(count),
+                                  fit.outliers.empty() ? kFirstDamping : kLeastDamping);
     if (it.singular)
       throw Error(fmt::format(
           "the views do not determine rays of order {}: the target was shown at one tilt or one "
