@@ -26,8 +26,10 @@ constexpr int kMaxOrder = 9;
 constexpr int kMaxSteps = 60;
 /// A step has arrived that changes the residuals by less than this, rms, and this part of theirs.
 constexpr double kArrivedPx = 1e-6, kArrived = 1e-4;
+/// A view whose distance is not known to this part was not determined.
+constexpr double kDeterminedPart = 0.01;
 /// Relative to a unit diagonal. The least only keeps rounding in check.
-constexpr double kFirstDamping = 1e-4, kLeastDamping = 1e-12;
+constexpr double kFirstDamping = 1e-4, kLeastDamping = 1e-12, kSingular = 1e-11;
 constexpr double kOutlierSigmas = 6.0;
 constexpr double kNeverOutlierPx = 0.1;
 
@@ -133,6 +135,20 @@ void add_view(const IrtModel& model, const FreeView& view, const MatrixXd& phi,
   N.block(at, 0, 6, 2 * c) = N.block(0, at, 2 * c, 6).transpose();
 }
 
+/// Normal equations to a unit diagonal, damped, with a wall against motion along `held`.
+MatrixXd scaled(const Normals& normals, const VectorXd& scale, double damping,
+                const MatrixXd& held) {
+  MatrixXd S = scale.asDiagonal() * normals.N * scale.asDiagonal();
+  // Against a unit diagonal this is as good as a wall, and far enough from the rounding.
+  constexpr double kWall = 1e4;
+  for (Index k = 0; k < held.cols(); ++k) {
+    const VectorXd h = scale.cwiseProduct(held.col(k)).normalized();
+    S += kWall * h * h.transpose();
+  }
+  S.diagonal().array() += damping;
+  return S;
+}
+
 /// The damped step, and the rms change of the residuals that it should bring, px. Scaled to a unit
 /// diagonal; NaN if the equations are singular.
 /// @param held columns: combinations of the unknowns that must not move.
@@ -142,17 +158,10 @@ struct Step {
 };
 Step damped_step(const Normals& normals, double damping, const MatrixXd& held, double points) {
   const VectorXd scale = normals.N.diagonal().cwiseSqrt().cwiseInverse();
-  MatrixXd S = scale.asDiagonal() * normals.N * scale.asDiagonal();
-  // Against a unit diagonal this is as good as a wall, and far enough from the rounding.
-  constexpr double kWall = 1e4;
-  for (Index k = 0; k < held.cols(); ++k) {
-    const VectorXd h = scale.cwiseProduct(held.col(k)).normalized();
-    S += kWall * h * h.transpose();
-  }
-  S.diagonal().array() += damping;
+  const MatrixXd S = scaled(normals, scale, damping, held);
   const Eigen::LDLT<MatrixXd> ldlt(S);
   Step step;
-  const bool regular = ldlt.info() == Eigen::Success && ldlt.vectorD().minCoeff() > 1e-13;
+  const bool regular = ldlt.info() == Eigen::Success && ldlt.vectorD().minCoeff() > kSingular;
   step.unknowns = scale.cwiseProduct(ldlt.solve(-scale.cwiseProduct(normals.g)));
   step.rms_px = regular ? std::sqrt(step.unknowns.dot(normals.N * step.unknowns) / points)
                         : std::numeric_limits<double>::quiet_NaN();
@@ -579,6 +588,26 @@ FreeViewsFit fit_rays(std::span<const FreeView> views, ImageSize size, int order
           "{} of {} points do not fit rays of order {}: not an outlier problem. Look at the images "
           "and at the target's dimensions.",
           fit.outliers.size(), all, order));
+  }
+  const Normals normals = equations(scene);
+  const VectorXd scale = normals.N.diagonal().cwiseSqrt().cwiseInverse();
+  const MatrixXd S = scaled(normals, scale, kLeastDamping, held);
+  const Index all_poses = 6 * static_cast<Index>(used.size());
+  const MatrixXd columns = MatrixXd::Identity(unknowns, unknowns).rightCols(all_poses);
+  const MatrixXd covariance = Eigen::LDLT<MatrixXd>(S).solve(columns).bottomRows(all_poses);
+  for (std::size_t k = 0; k < used.size(); ++k) {
+    const Index at = 6 * static_cast<Index>(k) + 3;
+    const double variance = covariance.diagonal()
+                                .segment(at, 3)
+                                .cwiseProduct(scale.segment(coefficients + at, 3).cwiseAbs2())
+                                .sum();
+    const double sd_mm = fit.sigma_px * std::sqrt(variance);
+    fit.position_sd_mm = std::max(fit.position_sd_mm, sd_mm);
+    if (!(sd_mm < kDeterminedPart * scene.poses[k].position_mm.norm()))
+      throw Error(fmt::format(
+          "the views do not determine rays of order {}: the position of view {} is known to {:.2g} "
+          "mm of {:.0f} only. Add views at other tilts and distances or lower the order.",
+          order, k, sd_mm, scene.poses[k].position_mm.norm()));
   }
   fit.model = IrtModel(size, planes, order, scene.model.coefficients(), hull_of(used));
   fit.poses = std::move(scene.poses);
