@@ -143,6 +143,25 @@ nlohmann::json provenance(const RigFile& rig, const std::string& command) {
   return p;
 }
 
+/// What a stored calibration was made from, if it is this run's and its images are still there: only
+/// then do the residuals belong into the run's report.
+std::optional<CalibrationSet> sweep_behind(const Calibration& calibration, const RunRecord& record,
+                                           const RunFolder& folder, const RigFile& rig) {
+  if (!has_calibration_sweep(record.plan) ||
+      calibration.source != calibration_source(record.plan))
+    return {};
+  for (const TakenPose& pose : record.poses)
+    if (record.plan.scenario_of(pose.planned).kind == ScenarioKind::kCalibration)
+      for (const TakenImage& image : pose.images)
+        if (image.file.empty() || !fs::exists(folder.root() / image.file)) {
+          spdlog::warn(
+              "{}: the pattern's images are not all there; figures of the calibration are left out.",
+              folder.root().string());
+          return {};
+        }
+  return sweep_set(record, folder, rig);
+}
+
 /// Evaluates a run and writes everything after the images. @return exit code.
 int finish(const RunFolder& folder, const std::optional<Calibration>& loaded,
            const std::vector<const Solver*>& solvers, SpotSource spots, bool rewrite) {
@@ -150,24 +169,21 @@ int finish(const RunFolder& folder, const std::optional<Calibration>& loaded,
   const RigFile rig = parse_rig_file(record.plan.rig.text, record.plan.rig.file, folder.root());
   if (record.torn) spdlog::warn("{}: {}", folder.journal().string(), *record.torn);
 
-  CalibrationResult calibration;
+  Calibration calibration;
+  std::optional<CalibrationSet> set;
   if (loaded) {
-    calibration.calibration = *loaded;
-    // Only if the planes are the ones this camera was calibrated from do its residuals belong into
-    // the report.
-    if (has_calibration_sweep(record.plan) && loaded->source == calibration_source(record.plan))
-      calibration.points = plane_points(record, folder, rig);
+    calibration = *loaded;
+    set = sweep_behind(calibration, record, folder, rig);
   } else if (has_calibration_sweep(record.plan)) {
     ProgressLine line("calibrating");
-    CalibrateOptions options;
-    options.progress = [&](std::size_t done, std::size_t total) {
+    set = sweep_set(record, folder, rig, [&](std::size_t done, std::size_t total) {
       line.update(done, total, "images");
-    };
-    calibration = calibrate(record, folder, rig, options);
+    });
+    calibration = calibrate(*set);
   } else {
-    calibration.calibration = load_calibration(folder.calibration());
+    calibration = load_calibration(folder.calibration());
   }
-  if (rewrite) write_atomically(folder.calibration(), calibration_to_json(calibration.calibration));
+  if (rewrite) write_atomically(folder.calibration(), calibration_to_json(calibration));
 
   Evaluation evaluation;
   {
@@ -178,12 +194,12 @@ int finish(const RunFolder& folder, const std::optional<Calibration>& loaded,
     options.progress = [&](std::size_t done, std::size_t total) {
       line.update(done, total, "poses");
     };
-    evaluation = evaluate(record, folder, rig, calibration.calibration, options);
+    evaluation = evaluate(record, folder, rig, calibration, options);
   }
   if (rewrite) write_poses_csv(evaluation, record.plan, folder.poses());
-  const fs::path report = write_report(folder, record, rig, calibration, evaluation);
+  const fs::path report = write_report(folder, record, rig, calibration, set, evaluation);
 
-  for (const PlaneResidual& p : calibration.calibration.planes)
+  for (const PlaneResidual& p : calibration.planes)
     fmt::print("camera: plane {:8.3f} mm ({}): residual {:.4f} mm rms, {:.4f} mm max, {} circles\n",
                p.z_mm, p.fitted ? "fitted" : "kept out", p.rms_mm, p.max_mm, p.points);
   for (const RepeatStatistics& r : repeat_statistics(evaluation))
@@ -295,63 +311,6 @@ int run_command(const RunArguments& a) {
         folder.root().string());
     return kFailedPoses;
   }
-}
-
-int calibrate_command(const CalibrateArguments& a) {
-  CalibrationResult result;
-  fs::path out = a.out;
-  if (fs::is_directory(a.source)) {
-    const RunFolder folder = RunFolder::open(a.source);
-    const RunRecord record = read_run(folder);
-    const RigFile rig = parse_rig_file(record.plan.rig.text, record.plan.rig.file, folder.root());
-    ProgressLine line("calibrating");
-    CalibrateOptions options;
-    options.order = a.order;
-    options.progress = [&](std::size_t done, std::size_t total) {
-      line.update(done, total, "images");
-    };
-    result = calibrate(record, folder, rig, options);
-    if (out.empty()) out = folder.calibration();
-  } else if (format_of(a.source) == "calibration") {
-    if (a.order != 0)
-      throw ConfigError("--order", "", "goes with a run folder; this camera is finished.");
-    result.calibration = load_calibration(a.source);
-  } else {
-    if (format_of(a.source) != "scenario" ||
-        load_scenario(a.source).kind != ScenarioKind::kCalibration)
-      throw ConfigError(
-          a.source.string(), "",
-          "is not a calibration: name a run folder, a calibration scenario or a calibration file.");
-    if (a.order != 0)
-      throw ConfigError("--order", "",
-                        "goes with a run folder; a scenario states its own polynomial_order.");
-    if (a.rig.empty())
-      throw ConfigError("--rig", "", "is missing: a calibration scenario needs a rig to run on.");
-    RunArguments run;
-    run.scenario = a.source;
-    run.rig = a.rig;
-    run.out = a.out;
-    return run_command(run);
-  }
-  const Calibration& c = result.calibration;
-  const auto [centre, spread] = c.irt.bundle_centre();
-  const auto [low, high] = c.irt.jacobian_range();
-  fmt::print("{}\n{} x {} px, order {}, planes at {:.3f} and {:.3f} mm\n", c.source,
-             c.irt.image_size().width, c.irt.image_size().height, c.irt.order(),
-             c.irt.planes().a_mm, c.irt.planes().b_mm);
-  for (const PlaneResidual& p : c.planes)
-    fmt::print("plane {:8.3f} mm ({}): residual {:.4f} mm rms, {:.4f} mm max, {} circles\n", p.z_mm,
-               p.fitted ? "fitted" : "kept out", p.rms_mm, p.max_mm, p.points);
-  fmt::print("right-handed: det d(x,y)/d(u,v) = {:.4f}..{:.4f} mm^2/px^2\n", low, high);
-  fmt::print("rays pass nearest to ({:.2f}, {:.2f}, {:.2f}) mm, {:.3f} mm rms apart\n", centre.x(),
-             centre.y(), centre.z(), spread);
-  for (const CentralModel& m : c.central)
-    fmt::print("{}: {:.4f} px rms over {} views\n", central_name(m.kind), m.rms_px, m.views);
-  if (!out.empty()) {
-    write_atomically(out, calibration_to_json(c));
-    fmt::print("calibration: {}\n", out.string());
-  }
-  return kDone;
 }
 
 int evaluate_command(const EvaluateArguments& a) {

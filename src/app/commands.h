@@ -36,9 +36,11 @@ struct RunArguments {
 int run_command(const RunArguments& a);
 
 struct CalibrateArguments {
-  std::filesystem::path source;  ///< run folder, calibration scenario, or calibration file
+  /// Run folder, calibration scenario, calibration set, calibration file, or OpenCV camera.
+  std::filesystem::path source;
   std::filesystem::path rig, out;
-  int order = 0;
+  std::string order;              ///< 1 to 9, "auto", or nothing
+  std::vector<double> planes_mm;  ///< of an OpenCV camera
 };
 int calibrate_command(const CalibrateArguments& a);
 

@@ -109,23 +109,34 @@ int main(int argc, char** argv) {
 
   CalibrateArguments calibrate;
   auto* calibrate_verb = app.add_subcommand(
-      "calibrate", "Calibrate the camera from a run, or take a sweep first, or check a file");
+      "calibrate", "Calibrate a camera from a run, a sweep to be taken, images, points or an OpenCV "
+                   "file");
   calibrate_verb
       ->add_option("source", calibrate.source,
-                   "run folder, calibration scenario, or calibration.json")
+                   "run folder, calibration scenario (then a sweep is run), calibration set (images "
+                   "or points that are there already), calibration.json (printed), or OpenCV camera "
+                   "(.yml, .xml)")
       ->required();
   calibrate_verb->add_option("--rig", calibrate.rig, "rig file, for a scenario");
+  calibrate_verb->add_option(
+      "--order", calibrate.order,
+      "polynomial order 1 to 9, or auto: what held-out and leave-one-out residuals justify (default: "
+      "as the source says)");
   calibrate_verb
-      ->add_option("--order", calibrate.order,
-                   "polynomial order, for a run folder (default: the scenario's)")
-      ->check(CLI::Range(1, 9));
+      ->add_option("--planes", calibrate.planes_mm,
+                   "OpenCV camera: two heights between which its rays are stated, mm, negative = in "
+                   "front")
+      ->delimiter(',');
   calibrate_verb->add_option(
       "--out", calibrate.out,
-      "file to write (default: the run's calibration.json); run folder for a scenario");
+      "folder for calibration.json, calibration.md, figures, tables and OpenCV files (default: the "
+      "run's folder, or results/calibrations/<name>); run folder for a scenario");
   calibrate_verb->footer(
       "Examples:\n  turntable calibrate scenarios/calibration_sweep.json --rig "
       "scenarios/rigs/simulated.json\n"
-      "  turntable calibrate results/runs/20260131T120000Z-quick --order 4 --out order4.json\n"
+      "  turntable calibrate results/runs/20260131T120000Z-quick --order auto --out results/order\n"
+      "  turntable calibrate my_board.json\n"
+      "  turntable calibrate camera.yml --planes -800,-600\n"
       "  turntable calibrate scenarios/calibrations/paper_table1.json");
   calibrate_verb->callback([&] { code = guarded([&] { return calibrate_command(calibrate); }); });
 

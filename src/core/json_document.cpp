@@ -26,6 +26,37 @@ std::string_view schema_text(std::string_view name) {
   throw std::logic_error(fmt::format("no built-in schema '{}'", name));
 }
 
+/// Puts what references lead to in their place: those to other built-in schemas ("rig.schema.json#/
+/// properties/pattern"), and within these their own, which would lead nowhere from here.
+Json inlined(const Json& node, const Json& document, bool own) {
+  if (node.is_array()) {
+    Json out = Json::array();
+    for (const Json& item : node) out.push_back(inlined(item, document, own));
+    return out;
+  }
+  if (!node.is_object()) return node;
+  if (const auto it = node.find("$ref"); it != node.end() && it->is_string()) {
+    const auto reference = it->get<std::string>();
+    const std::size_t hash = reference.find('#');
+    const Json::json_pointer place(reference.substr(hash + 1));
+    if (hash > 0) {
+      constexpr std::string_view kEnding = ".schema.json";
+      const Json other = Json::parse(schema_text(
+          std::string_view(reference).substr(0, hash - kEnding.size())));
+      return inlined(other.at(place), other, false);
+    }
+    if (!own) return inlined(document.at(place), document, false);
+  }
+  Json out = Json::object();
+  for (const auto& [key, value] : node.items()) out[key] = inlined(value, document, own);
+  return out;
+}
+
+Json whole_schema(std::string_view name) {
+  const Json schema = Json::parse(schema_text(name));
+  return inlined(schema, schema, true);
+}
+
 /// valijson names a place as "<root>[axes][yaw][limits_deg][0]"; users get a JSON pointer.
 std::string pointer_of(const valijson::ValidationResults::Error& error) {
   std::string pointer;
@@ -184,7 +215,7 @@ std::string read_text(const std::filesystem::path& file) {
 
 Json parse_json(std::string_view text, const std::string& name, std::string_view schema_name) {
   Json value = parse_or_throw(text, name);
-  const Json schema_json = Json::parse(schema_text(schema_name));
+  const Json schema_json = whole_schema(schema_name);
 
   // One cheap look first: a file of another kind should not be answered with a list of missing
   // keys.

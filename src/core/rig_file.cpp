@@ -66,6 +66,48 @@ class Reader {
     return rig;
   }
 
+  PatternConfig pattern() const {
+    const Json& p = json_.at("pattern");
+    PatternConfig pattern;
+    const std::string kind = p.value("kind", "circles");
+    pattern.kind = *std::ranges::find(kAllPatternKinds, kind, pattern_kind_name);
+    const bool directed = pattern.kind == PatternKind::kCircles;
+    const bool round = pattern.kind != PatternKind::kChessboard;
+    for (const auto& [key, wanted] : {std::pair{"radius_mm", round},
+                                      {"circles", round},
+                                      {"direction_radius_mm", directed},
+                                      {"direction_circles", directed}}) {
+      if (wanted && !p.contains(key))
+        fail("/pattern", fmt::format("\"{}\" is missing; kind {} needs it.", key, kind));
+      if (!wanted && p.contains(key))
+        fail(fmt::format("/pattern/{}", key), fmt::format("means nothing with kind {}.", kind));
+    }
+    pattern.columns = p.at("columns");
+    pattern.rows = p.at("rows");
+    pattern.origin_column = p.at("origin").at(0);
+    pattern.origin_row = p.at("origin").at(1);
+    pattern.spacing_mm = p.at("spacing_mm");
+    pattern.offset_mm = vector3_or_zero(p, "offset_mm");
+    const int lattice_columns =
+        pattern.kind == PatternKind::kAsymmetricCircles ? 2 * pattern.columns : pattern.columns;
+    if (pattern.origin_column >= lattice_columns || pattern.origin_row >= pattern.rows)
+      fail("/pattern/origin",
+           fmt::format("found [{}, {}], allowed: inside the {} x {} pattern.",
+                       pattern.origin_column, pattern.origin_row, lattice_columns, pattern.rows));
+    if (round) {
+      pattern.radius_mm = p.at("radius_mm");
+      pattern.bright = p.at("circles") == "bright";
+      // Neighbours of an asymmetric grid stand diagonally.
+      const double nearest =
+          pattern.spacing_mm * (pattern.kind == PatternKind::kAsymmetricCircles ? 1.41421356 : 1.0);
+      if (!directed && 2 * pattern.radius_mm >= nearest)
+        fail("/pattern/radius_mm",
+             "neighbouring circles touch. Make them smaller than the spacing.");
+    }
+    if (directed) read_direction_circles(p, pattern);
+    return pattern;
+  }
+
  private:
   [[noreturn]] void fail(const std::string& pointer, const std::string& message) const {
     throw ConfigError(name_, pointer, message);
@@ -348,48 +390,6 @@ class Reader {
     return gimbal;
   }
 
-  PatternConfig pattern() const {
-    const Json& p = json_.at("pattern");
-    PatternConfig pattern;
-    const std::string kind = p.value("kind", "circles");
-    pattern.kind = *std::ranges::find(kAllPatternKinds, kind, pattern_kind_name);
-    const bool directed = pattern.kind == PatternKind::kCircles;
-    const bool round = pattern.kind != PatternKind::kChessboard;
-    for (const auto& [key, wanted] : {std::pair{"radius_mm", round},
-                                      {"circles", round},
-                                      {"direction_radius_mm", directed},
-                                      {"direction_circles", directed}}) {
-      if (wanted && !p.contains(key))
-        fail("/pattern", fmt::format("\"{}\" is missing; kind {} needs it.", key, kind));
-      if (!wanted && p.contains(key))
-        fail(fmt::format("/pattern/{}", key), fmt::format("means nothing with kind {}.", kind));
-    }
-    pattern.columns = p.at("columns");
-    pattern.rows = p.at("rows");
-    pattern.origin_column = p.at("origin").at(0);
-    pattern.origin_row = p.at("origin").at(1);
-    pattern.spacing_mm = p.at("spacing_mm");
-    pattern.offset_mm = vector3_or_zero(p, "offset_mm");
-    const int lattice_columns =
-        pattern.kind == PatternKind::kAsymmetricCircles ? 2 * pattern.columns : pattern.columns;
-    if (pattern.origin_column >= lattice_columns || pattern.origin_row >= pattern.rows)
-      fail("/pattern/origin",
-           fmt::format("found [{}, {}], allowed: inside the {} x {} pattern.",
-                       pattern.origin_column, pattern.origin_row, lattice_columns, pattern.rows));
-    if (round) {
-      pattern.radius_mm = p.at("radius_mm");
-      pattern.bright = p.at("circles") == "bright";
-      // Neighbours of an asymmetric grid stand diagonally.
-      const double nearest =
-          pattern.spacing_mm * (pattern.kind == PatternKind::kAsymmetricCircles ? 1.41421356 : 1.0);
-      if (!directed && 2 * pattern.radius_mm >= nearest)
-        fail("/pattern/radius_mm",
-             "neighbouring circles touch. Make them smaller than the spacing.");
-    }
-    if (directed) read_direction_circles(p, pattern);
-    return pattern;
-  }
-
   void read_direction_circles(const Json& p, PatternConfig& pattern) const {
     pattern.direction_radius_mm = p.at("direction_radius_mm");
     if (pattern.direction_radius_mm < 1.15 * pattern.radius_mm)
@@ -587,6 +587,10 @@ RigFile parse_rig_file(const std::string& text, const std::string& name,
   RigFile rig = Reader(json, name, folder).read();
   rig.source = text;
   return rig;
+}
+
+PatternConfig parse_pattern(const Json& document, const std::string& name) {
+  return Reader(document, name, {}).pattern();
 }
 
 RigFile load_rig_file(const std::filesystem::path& file) {

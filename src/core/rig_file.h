@@ -236,4 +236,8 @@ RigFile load_rig_file(const std::filesystem::path& file);
 RigFile parse_rig_file(const std::string& text, const std::string& name,
                        const std::filesystem::path& folder);
 
+/// The section "pattern" of any file that has one, checked as a rig file's. `document` has passed its
+/// schema. @throws ConfigError.
+PatternConfig parse_pattern(const Json& document, const std::string& name);
+
 }  // namespace turntable

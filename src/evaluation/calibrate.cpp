@@ -4,194 +4,199 @@
 
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cmath>
-#include <map>
+#include <optional>
 
 #include "src/core/errors.h"
 #include "src/core/parallel.h"
-#include "src/record/sha256.h"
-#include "src/vision/pattern.h"
+#include "src/imaging/camera_models.h"
+#include "src/imaging/free_views.h"
 
 namespace turntable {
 namespace {
 
-/// Mean centre of every circle over the images of one pose.
-struct PoseView {
-  const TakenPose* pose = nullptr;
-  std::map<std::array<int, 2>, Vector2d> centres_px;  ///< (row, column) -> mean
-};
-
-PoseView view_of(const TakenPose& pose, const RunFolder& folder, const RigFile& rig) {
-  PoseView view;
-  view.pose = &pose;
-  std::map<std::array<int, 2>, int> seen;
-  for (const TakenImage& taken : pose.images) {
-    const Image image = load_image(folder, taken);
-    const std::string file = (folder.root() / taken.file).string();
-    if (image.size() != rig.camera.image_size)
-      throw ConfigError(
-          file, "",
-          fmt::format("found {} x {} px, allowed: {} x {} px as the rig file says.", image.width,
-                      image.height, rig.camera.image_size.width, rig.camera.image_size.height));
-    const PatternSearch search = find_pattern(image, rig.pattern);
-    if (search.status != PatternStatus::kFound)
-      throw ConfigError(
-          file, "",
-          fmt::format(
-              "{} ({} round components seen, {} cut by the border). Check focus, light and the "
-              "pattern section of the rig file.",
-              pattern_status_name(search.status), search.candidates, search.cut_by_border));
-    for (const PatternPoint& c : search.points) {
-      view.centres_px.try_emplace({c.row, c.column}, Vector2d::Zero()).first->second += c.centre_px;
-      ++seen[{c.row, c.column}];
-    }
-  }
-  for (auto& [key, centre] : view.centres_px) centre /= seen[key];
-  // A circle near the border that only some images show would average other noise than its
-  // neighbours.
-  std::erase_if(view.centres_px, [&](const auto& entry) {
-    return seen[entry.first] != static_cast<int>(pose.images.size());
-  });
-  return view;
+bool any_tilted(const CalibrationSet& set) {
+  return std::ranges::any_of(set.views, [](const PatternView& v) { return !v.at_zero; });
 }
 
-/// Circles of a pose of the zero-angle planes, at the height that the stage read back.
-std::vector<PlanePoint> points_of(const PoseView& view, double spacing_mm) {
-  std::vector<PlanePoint> points;
-  for (const auto& [key, centre] : view.centres_px)
-    points.push_back(
-        {centre, Vector2d(key[1], key[0]) * spacing_mm, view.pose->stage.position, key[1], key[0]});
-  return points;
-}
-
-PatternView pattern_view(const PoseView& view, double spacing_mm) {
-  PatternView out;
-  for (const auto& [key, centre] : view.centres_px) {
-    out.pixels_px.push_back(centre);
-    out.on_pattern_mm.emplace_back(key[1] * spacing_mm, key[0] * spacing_mm);
+PlaneResidual plane_residual(const IrtModel& model, const SeenPlane& plane) {
+  PlaneResidual out;
+  out.z_mm = plane.z_mm;
+  out.fitted = plane.fit;
+  double sum = 0.0;
+  for (const PlanePoint& p : plane.points) {
+    // A point outside the fitted area is extrapolation: no statement about the model there.
+    if (!model.in_domain(p.pixel_px)) continue;
+    const double miss = residual_mm(model, p).norm();
+    sum += miss * miss;
+    out.max_mm = std::max(out.max_mm, miss);
+    ++out.points;
   }
-  out.at_zero = view.pose->planned.role != PoseRole::kPinholeView;
-  out.z_mm = out.at_zero ? view.pose->stage.position : 0.0;
+  out.rms_mm = out.points > 0 ? std::sqrt(sum / out.points) : NAN;
   return out;
 }
 
-bool shows_a_plane(const TakenPose& pose) {
-  return pose.planned.role == PoseRole::kPlaneFit || pose.planned.role == PoseRole::kPlaneCheck;
+/// Every central model, side by side; none if the pattern was never tilted, because then focal
+/// length and distance cannot be told apart.
+std::vector<CentralModel> central_models(const CalibrationSet& set) {
+  if (!any_tilted(set)) return {};
+  std::array<std::optional<CentralModel>, std::size(kCentralKinds)> fitted;
+  parallel_for(fitted.size(), [&](std::size_t i) {
+    try {
+      fitted[i] = fit_central(kCentralKinds[i], set.views, set.size);
+    } catch (const Error&) {
+      // `compare_models` says why.
+    }
+  });
+  std::vector<CentralModel> models;
+  for (const auto& model : fitted)
+    if (model) models.push_back(*model);
+  return models;
+}
+
+bool same_point(const PlanePoint& a, const PlanePoint& b) {
+  return a.row == b.row && a.column == b.column && a.z_mm == b.z_mm;
+}
+
+/// What every model is judged on: the planes kept out; where there are none, every seventh point of
+/// the others is kept out for this.
+std::vector<ModelRow> compare(const CalibrationSet& set, const IrtFit& fit, int order) {
+  CameraData data{{}, set.points(false), fit.model.planes(), order, {}, set.size};
+  const std::vector<PlanePoint> points = set.points(true);
+  std::size_t count = 0;
+  for (const PlanePoint& p : points) {
+    if (std::ranges::any_of(fit.outliers, [&](const PlanePoint& o) { return same_point(o, p); }))
+      continue;
+    const bool judge = set.points(false).empty() && ++count % 7 == 0;
+    (judge ? data.held_out : data.fit).push_back(p);
+  }
+  if (any_tilted(set)) data.views = set.views;
+  return compare_models(data);
+}
+
+Calibration from_planes(const CalibrationSet& set, int order) {
+  const std::vector<PlanePoint> fitted = set.points(true), held_out = set.points(false);
+  RayPlanes planes{INFINITY, -INFINITY};
+  for (const SeenPlane& plane : set.planes)
+    if (plane.fit) {
+      planes.a_mm = std::min(planes.a_mm, plane.z_mm);
+      planes.b_mm = std::max(planes.b_mm, plane.z_mm);
+    }
+  Calibration c;
+  c.orders = compare_orders(fitted, held_out, planes, set.size);
+  if (order == kOrderByResiduals) order = choose_order(c.orders);
+  const IrtFit fit = fit_irt(fitted, planes, order, set.size);
+  check_handedness(fit.model, set.name);
+  c.irt = fit.model;
+  c.sigma_mm = fit.sigma_mm;
+  c.points = fit.points;
+  c.loo_rms_mm = fit.loo_rms_mm;
+  c.chi2_per_dof = fit.chi2_per_dof;
+  c.condition = fit.condition;
+  c.max_leverage = fit.max_leverage;
+  c.outliers = fit.outliers;
+  for (const SeenPlane& plane : set.planes) {
+    PlaneResidual residual = plane_residual(fit.model, plane);
+    for (const FittedPlane& f : fit.planes)
+      if (plane.fit && f.z_mm == plane.z_mm) {
+        residual.coverage = f.coverage;
+        residual.noise_gain = f.noise_gain;
+      }
+    c.planes.push_back(residual);
+  }
+  c.models = compare(set, fit, order);
+  c.central = central_models(set);
+  return c;
+}
+
+// ---- boards held by hand
+
+std::vector<FreeView> free_views(std::span<const PatternView> views) {
+  std::vector<FreeView> out;
+  for (const PatternView& view : views) {
+    FreeView free;
+    free.pixels_px = view.pixels_px;
+    for (const Vector2d& p : view.on_pattern_mm) free.on_target_mm.emplace_back(p.x(), p.y(), 0.0);
+    out.push_back(std::move(free));
+  }
+  return out;
+}
+
+/// Scale in the middle of what was seen, mm per px: views tell residuals in pixels.
+double mm_per_px(const FreeViewsFit& fit, ImageSize size) {
+  const RayPlanes planes = fit.model.planes();
+  return fit.model.mm_per_px({0.5 * (size.width - 1), 0.5 * (size.height - 1)},
+                             0.5 * (planes.a_mm + planes.b_mm));
+}
+
+/// One row per order: every third view is kept out, and only its pose is fitted afterwards.
+std::vector<OrderRow> compare_free_orders(std::span<const FreeView> views, ImageSize size) {
+  std::vector<FreeView> train, test;
+  for (std::size_t i = 0; i < views.size(); ++i)
+    (i % 3 == 2 && views.size() >= 6 ? test : train).push_back(views[i]);
+  std::vector<OrderRow> rows(9);
+  parallel_for(rows.size(), [&](std::size_t i) {
+    OrderRow& row = rows[i];
+    row.order = static_cast<int>(i) + 1;
+    row.terms = static_cast<int>(IrtModel::terms(row.order).size());
+    try {
+      const FreeViewsFit fit = fit_rays(train, size, row.order);
+      const double scale = mm_per_px(fit, size);
+      row.points = fit.points;
+      row.outliers = static_cast<int>(fit.outliers.size());
+      row.rms_mm = fit.rms_px * scale;
+      double sum = 0.0;
+      for (const FreeView& view : test) {
+        const ViewPose pose = fit_pose(fit.model, view);
+        const double count = static_cast<double>(view.pixels_px.size());
+        sum += pose.rms_px * pose.rms_px * count;
+        row.held_out_points += static_cast<int>(count);
+      }
+      if (row.held_out_points > 0)
+        row.held_out_rms_mm = std::sqrt(sum / row.held_out_points) * scale;
+    } catch (const Error& e) {
+      row.refused = e.what();
+    }
+  });
+  return rows;
+}
+
+/// The lowest order whose views kept out are within 5 % of the best, as `choose_order`.
+int choose_free_order(std::span<const OrderRow> rows) {
+  double best = INFINITY;
+  for (const OrderRow& row : rows)
+    if (row.refused.empty()) best = std::min(best, row.held_out_rms_mm);
+  for (const OrderRow& row : rows)
+    if (row.refused.empty() && row.held_out_rms_mm <= 1.05 * best) return row.order;
+  throw Error(
+      "the order of the ray model cannot be chosen: fewer than six views, or none that fit. State "
+      "polynomial_order, or take more views at different tilts.");
+}
+
+Calibration from_views(const CalibrationSet& set, int order) {
+  const std::vector<FreeView> views = free_views(set.views);
+  Calibration c;
+  c.orders = compare_free_orders(views, set.size);
+  if (order == kOrderByResiduals) order = choose_free_order(c.orders);
+  const FreeViewsFit fit = fit_rays(views, set.size, order);
+  check_handedness(fit.model, set.name);
+  c.irt = fit.model;
+  c.sigma_mm = fit.sigma_px * mm_per_px(fit, set.size);
+  c.points = fit.points;
+  c.central = central_models(set);
+  return c;
 }
 
 }  // namespace
 
-std::vector<PlanePoint> plane_points(const RunRecord& record, const RunFolder& folder,
-                                     const RigFile& rig) {
-  std::vector<PlanePoint> points;
-  for (const TakenPose& pose : record.poses) {
-    if (!shows_a_plane(pose)) continue;
-    const bool archived = std::ranges::all_of(pose.images, [&](const TakenImage& image) {
-      return !image.file.empty() && std::filesystem::exists(folder.root() / image.file);
-    });
-    if (!archived) continue;
-    const auto more = points_of(view_of(pose, folder, rig), rig.pattern.spacing_mm);
-    points.insert(points.end(), more.begin(), more.end());
-  }
-  return points;
-}
-
-std::string calibration_source(const Plan& plan) {
-  return fmt::format("{} (plan {})", plan.name, sha256_hex(plan_text(plan)).substr(0, 12));
-}
-
-bool has_calibration_sweep(const Plan& plan) {
-  return std::ranges::any_of(
-      plan.scenarios, [](const ScenarioInfo& s) { return s.kind == ScenarioKind::kCalibration; });
-}
-
-CalibrationResult calibrate(const RunRecord& record, const RunFolder& folder, const RigFile& rig,
-                            const CalibrateOptions& options) {
-  std::vector<const TakenPose*> poses;
-  std::size_t images = 0;
-  int order = options.order;
-  for (const TakenPose& pose : record.poses) {
-    const ScenarioInfo& scenario = record.plan.scenario_of(pose.planned);
-    if (scenario.kind != ScenarioKind::kCalibration) continue;
-    poses.push_back(&pose);
-    images += pose.images.size();
-    if (order == 0) order = scenario.polynomial_order;
-  }
-  if (poses.empty())
-    throw ConfigError(folder.root().string(), "",
-                      "holds no images of a calibration sweep. Run a campaign with a calibration "
-                      "scenario, or name a "
-                      "calibration with --calibration.");
-
-  std::vector<PoseView> views(poses.size());
-  std::atomic<std::size_t> done{0};
-  parallel_for(poses.size(), [&](std::size_t i) {
-    views[i] = view_of(*poses[i], folder, rig);
-    done += poses[i]->images.size();
-    if (options.progress) options.progress(done, images);
-  });
-
-  CalibrationResult result;
-  std::vector<PlanePoint> fit_points;
-  std::vector<PlaneResidual> planes;
-  std::vector<std::vector<PlanePoint>> plane_points;
-  RayPlanes ray_planes{INFINITY, -INFINITY};
-  std::vector<PatternView> pinhole_views;
-  bool tilted = false;
-  for (const PoseView& view : views) {
-    pinhole_views.push_back(pattern_view(view, rig.pattern.spacing_mm));
-    if (view.pose->planned.role == PoseRole::kPinholeView) {
-      tilted = true;
-      continue;
-    }
-    const double z = view.pose->stage.position;
-    const bool fitted = view.pose->planned.role == PoseRole::kPlaneFit;
-    std::vector<PlanePoint> points = points_of(view, rig.pattern.spacing_mm);
-    if (fitted) {
-      ray_planes.a_mm = std::min(ray_planes.a_mm, z);
-      ray_planes.b_mm = std::max(ray_planes.b_mm, z);
-      fit_points.insert(fit_points.end(), points.begin(), points.end());
-    }
-    result.points.insert(result.points.end(), points.begin(), points.end());
-    PlaneResidual plane;
-    plane.z_mm = z;
-    plane.fitted = fitted;
-    planes.push_back(plane);
-    plane_points.push_back(std::move(points));
-  }
-
-  const IrtFit fit = fit_irt(fit_points, ray_planes, order, rig.camera.image_size);
-  check_handedness(fit.model, folder.root().string());
-  for (std::size_t i = 0; i < planes.size(); ++i) {
-    double sum = 0.0;
-    for (const PlanePoint& p : plane_points[i]) {
-      // A circle outside the fitted area is extrapolation: no statement about the model there.
-      if (!fit.model.in_domain(p.pixel_px)) continue;
-      const double miss = residual_mm(fit.model, p).norm();
-      sum += miss * miss;
-      planes[i].max_mm = std::max(planes[i].max_mm, miss);
-      ++planes[i].points;
-    }
-    planes[i].rms_mm = planes[i].points > 0 ? std::sqrt(sum / planes[i].points) : 0.0;
-  }
-
-  Calibration& c = result.calibration;
-  c.source = calibration_source(record.plan);
-  c.simulated = rig.simulated();
-  c.irt = fit.model;
-  c.sigma_mm = fit.sigma_mm;
-  c.points = fit.points;
-  c.outliers = fit.outliers;
-  c.planes = planes;
-  if (tilted) {
-    constexpr std::array kKinds{CentralKind::kPinhole, CentralKind::kBrown};
-    c.central.resize(kKinds.size());
-    parallel_for(kKinds.size(), [&](std::size_t i) {
-      c.central[i] = fit_central(kKinds[i], pinhole_views, rig.camera.image_size);
-    });
-  }
-  return result;
+Calibration calibrate(const CalibrationSet& set, int order) {
+  if (order == 0) order = set.order;
+  Calibration c = set.planes.empty() ? from_views(set, order) : from_planes(set, order);
+  c.source = set.source;
+  c.simulated = set.simulated;
+  c.images = set.images;
+  c.stage = set.stage;
+  return c;
 }
 
 }  // namespace turntable

@@ -31,6 +31,7 @@ struct PlaneVisits {
   double stage_mm = 0.0;  ///< mean of what was read back
   int visits = 0;
   double drift_mm = 0.0;  ///< read back at the last visit minus the first
+  Vector2d drift_px = Vector2d::Zero();  ///< mean shift of the pattern's points between the same
 };
 
 /// One camera model judged beside the others (`compare_models`). NaN where it has no value.

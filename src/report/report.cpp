@@ -7,6 +7,7 @@
 
 #include "src/record/atomic_file.h"
 #include "src/record/csv.h"
+#include "src/report/calibration_report.h"
 #include "src/report/figures.h"
 #include "src/report/published.h"
 #include "src/report/tables.h"
@@ -61,55 +62,6 @@ std::string simulation_budget(const RigFile& rig) {
   return md;
 }
 
-std::string calibration_text(const Calibration& c) {
-  std::string md = fmt::format(
-      "Source: {}{}. Ray model of order {} over planes at {:.3f} and {:.3f} mm, {} points, {} "
-      "outliers left out.\n\n",
-      c.source, c.simulated ? " (simulated)" : "", c.irt.order(), c.irt.planes().a_mm,
-      c.irt.planes().b_mm, c.points, c.outliers.size());
-  if (!c.planes.empty()) {
-    md +=
-        "| plane / mm | used for | points | rms / mm | max / mm | published max / mm "
-        "|\n|--:|---|--:|--:|--:|--:|\n";
-    for (const PlaneResidual& p : c.planes) {
-      const auto it = published_plane_residuals_mm().find(static_cast<int>(std::lround(p.z_mm)));
-      const std::string published =
-          it == published_plane_residuals_mm().end() ? "" : fixed(it->second, 3);
-      md += fmt::format("| {:.3f} | {} | {} | {:.4f} | {:.4f} | {} |\n", p.z_mm,
-                        p.fitted ? "fit" : "check", p.points, p.rms_mm, p.max_mm, published);
-    }
-    md += "\n";
-  }
-  const auto [centre, spread] = c.irt.bundle_centre();
-  md += fmt::format(
-      "The rays pass nearest to ({:.2f}, {:.2f}, {:.2f}) mm, {:.3f} mm rms apart: that is how "
-      "central the lens is.\n\n",
-      centre.x(), centre.y(), centre.z(), spread);
-  for (const CentralModel& m : c.central)
-    md += fmt::format("Central model `{}`: {:.4f} px rms over {} views.\n", central_name(m.kind),
-                      m.rms_px, m.views);
-  if (!c.central.empty()) md += "\n";
-  if (!c.models.empty()) {
-    md +=
-        "| camera model | parameters | fitted: rms / mm | max / mm | held out: rms / mm | max / mm "
-        "| rms / px | max / px |\n|---|--:|--:|--:|--:|--:|--:|--:|\n";
-    for (const ModelRow& row : c.models) {
-      md += fmt::format("| {} | {} |", row.name, row.parameters);
-      for (const double value : {row.fit_rms_mm, row.fit_max_mm, row.held_out_rms_mm,
-                                 row.held_out_max_mm, row.held_out_rms_px, row.held_out_max_px})
-        md += std::isfinite(value) ? fmt::format(" {:.4f} |", value) : " - |";
-      md += "\n";
-    }
-    md += "\n";
-    for (const ModelRow& row : c.models)
-      if (!row.why_not.empty()) md += fmt::format("No `{}`: {}\n", row.name, row.why_not);
-  }
-  for (const PlanePoint& p : c.outliers)
-    md += fmt::format("Outlier: circle ({}, {}) on the plane at {:.3f} mm.\n", p.column, p.row,
-                      p.z_mm);
-  return md;
-}
-
 std::string failures_text(const Evaluation& evaluation, const Plan& plan) {
   std::map<std::string, std::size_t> counts;
   std::size_t rows = 0, outside = 0, missed = 0;
@@ -150,11 +102,15 @@ std::string provenance_text(const RunRecord& record) {
 }  // namespace
 
 std::filesystem::path write_report(const RunFolder& folder, const RunRecord& record,
-                                   const RigFile& rig, const CalibrationResult& calibration,
+                                   const RigFile& rig, const Calibration& calibration,
+                                   const std::optional<CalibrationSet>& set,
                                    const Evaluation& evaluation) {
-  const auto tables = write_tables(folder, record.plan, evaluation, calibration.calibration);
-  const auto figures = write_figures(folder, record, evaluation, calibration.calibration,
-                                     calibration.points, rig.pattern.spacing_mm);
+  const auto tables = write_tables(folder, record.plan, evaluation, calibration);
+  std::filesystem::create_directories(folder.figures());
+  std::vector<Draft> drafts = calibration_drafts(folder.figures(), calibration, set);
+  for (Draft& draft : attitude_drafts(folder.figures(), record, evaluation))
+    drafts.push_back(std::move(draft));
+  const std::vector<Figure> figures = draw(folder.figures(), drafts);
 
   std::string md =
       fmt::format("# {}\n\n", record.plan.title.empty() ? record.plan.name : record.plan.title);
@@ -191,25 +147,13 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
     if (t.name != "table1") md += fmt::format("### {}\n\n{}\n", t.title, t.markdown);
 
   md += "## Failed poses\n\n" + failures_text(evaluation, record.plan);
-  md += "\n## Camera\n\n" + calibration_text(calibration.calibration);
+  md += "\n## Camera\n\n" + calibration_text(calibration);
   for (const WrittenTable& t : tables)
     if (t.name == "table1")
       md +=
           fmt::format("\n<details><summary>{}</summary>\n\n{}\n</details>\n", t.title, t.markdown);
 
-  md += "\n## Figures\n\nThe data of each lie beside it as CSV, with units in the headers.\n\n";
-  bool undrawn = false;
-  for (const Figure& f : figures) {
-    undrawn = undrawn || !f.drawn;
-    md += f.drawn ? fmt::format("![{}](figures/{}.svg)\n\n{} ([data](figures/{}.csv))\n\n",
-                                f.caption, f.name, f.caption, f.name)
-                  : fmt::format("{} ([data](figures/{}.csv), [script](figures/{}.gp))\n\n",
-                                f.caption, f.name, f.name);
-  }
-  if (undrawn)
-    md +=
-        "Pictures are missing where gnuplot could not draw them; install gnuplot-nox and run "
-        "`turntable report` again.\n\n";
+  md += "\n## Figures\n\n" + figures_markdown(figures);
   if (rig.simulation && rig.simulated())
     md += "## Simulated error budget\n\n" + simulation_budget(rig) + "\n";
   md += "## Provenance\n\n" + provenance_text(record);

@@ -3,15 +3,18 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 
-#include "src/evaluation/calibrate.h"
+#include "src/evaluation/calibration_set.h"
 #include "src/evaluation/evaluate.h"
 
 namespace turntable {
 
-/// Writes tables/, figures/ and report.md of a run. @return the report's path. @throws RecordError.
+/// Writes tables/, figures/ and report.md of a run. @param set what the calibration was made from;
+/// nothing if it came from elsewhere. @return the report's path. @throws RecordError.
 std::filesystem::path write_report(const RunFolder& folder, const RunRecord& record,
-                                   const RigFile& rig, const CalibrationResult& calibration,
+                                   const RigFile& rig, const Calibration& calibration,
+                                   const std::optional<CalibrationSet>& set,
                                    const Evaluation& evaluation);
 
 }  // namespace turntable

@@ -1,0 +1,193 @@
+#include "src/report/calibration_report.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+
+#include "src/imaging/monomial_table.h"
+#include "src/imaging/opencv_yaml.h"
+#include "src/record/atomic_file.h"
+#include "src/report/published.h"
+
+namespace turntable {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// A cell; "-" for a value that is not known.
+std::string cell(double value, int decimals) {
+  return std::isfinite(value) ? fixed(value, decimals) : "-";
+}
+
+std::string planes_text(const Calibration& c) {
+  if (c.planes.empty()) return {};
+  std::string md =
+      "| plane / mm | used for | points | rms / mm | max / mm | published max / mm |\n"
+      "|--:|---|--:|--:|--:|--:|\n";
+  for (const PlaneResidual& p : c.planes) {
+    const auto it = published_plane_residuals_mm().find(static_cast<int>(std::lround(p.z_mm)));
+    const std::string published =
+        it == published_plane_residuals_mm().end() ? "" : fixed(it->second, 3);
+    md += fmt::format("| {:.3f} | {} | {} | {} | {} | {} |\n", p.z_mm, p.fitted ? "fit" : "check",
+                      p.points, cell(p.rms_mm, 4), cell(p.max_mm, 4), published);
+  }
+  md += "\n";
+  for (const PlaneResidual& p : c.planes)
+    if (p.fitted && p.coverage < 0.5)
+      md += fmt::format(
+          "**The plane at {:.3f} mm shows only a strip**: its points cover {:.0f} % of the area that "
+          "all planes show, and nothing outside that strip is calibrated.\n\n",
+          p.z_mm, 100.0 * p.coverage);
+  return md;
+}
+
+std::string fit_text(const Calibration& c) {
+  std::string md;
+  if (std::isfinite(c.loo_rms_mm))
+    md += fmt::format(
+        "Left out one at a time, a point misses its ray by {:.4f} mm rms; the fit's condition number "
+        "is {:.3g}, its largest leverage {:.2f}.\n",
+        c.loo_rms_mm, c.condition, c.max_leverage);
+  if (std::isfinite(c.chi2_per_dof))
+    md += fmt::format(
+        "Observed over stated variance of the points (chi-square per degree of freedom): {:.2f}. {}\n",
+        c.chi2_per_dof,
+        c.chi2_per_dof < 0.8 ? "The points are better than their stated uncertainty."
+        : c.chi2_per_dof <= 1.2
+            ? "The points scatter as their images say they should."
+            : "Something beyond the noise of the images is in the points; the stated uncertainty of "
+              "the rays is widened by the root of it.");
+  if (!md.empty()) md += "\n";
+  return md;
+}
+
+std::string orders_text(const Calibration& c) {
+  if (c.orders.empty()) return {};
+  std::string md =
+      "Which order? Training residuals always fall; those of points left out one at a time and of "
+      "planes kept out judge.\n\n"
+      "| order | terms | fitted / mm rms | left out / mm rms | kept out / mm rms | kept out / mm max "
+      "| largest leverage | |\n|--:|--:|--:|--:|--:|--:|--:|---|\n";
+  int best = 0;
+  try {
+    best = choose_order(c.orders);
+  } catch (const std::exception&) {
+  }
+  for (const OrderRow& o : c.orders) {
+    std::string note = !o.refused.empty() ? "refused: " + o.refused : "";
+    if (o.order == c.irt.order()) note = o.order == best ? "used; what the residuals choose" : "used";
+    else if (o.order == best) note = "what the residuals choose";
+    md += fmt::format("| {} | {} | {} | {} | {} | {} | {} | {} |\n", o.order, o.terms,
+                      cell(o.rms_mm, 4), cell(o.loo_rms_mm, 4), cell(o.held_out_rms_mm, 4),
+                      cell(o.held_out_max_mm, 4), cell(o.max_leverage, 2), note);
+  }
+  return md + "\n";
+}
+
+std::string models_text(const Calibration& c) {
+  if (c.models.empty()) return {};
+  std::string md =
+      "Camera models on the same points, which none of them has seen:\n\n"
+      "| model | parameters | fitted / mm rms | kept out / mm rms | kept out / mm max | kept out / px "
+      "rms | kept out / px max |\n|---|--:|--:|--:|--:|--:|--:|\n";
+  std::string why;
+  for (const ModelRow& m : c.models) {
+    md += fmt::format("| {} | {} | {} | {} | {} | {} | {} |\n", m.name, m.parameters,
+                      cell(m.fit_rms_mm, 4), cell(m.held_out_rms_mm, 4),
+                      cell(m.held_out_max_mm, 4), cell(m.held_out_rms_px, 3),
+                      cell(m.held_out_max_px, 3));
+    if (!m.why_not.empty()) why += fmt::format("{}: {}\n\n", m.name, m.why_not);
+  }
+  return md + "\n" + why;
+}
+
+std::string central_text(const Calibration& c) {
+  std::string md;
+  for (const CentralModel& m : c.central)
+    md += fmt::format("- {}: {:.4f} px rms over {} views; f = ({:.2f}, {:.2f}) px, centre ({:.2f}, "
+                      "{:.2f}) px\n",
+                      central_name(m.kind), m.rms_px, m.views, m.fx, m.fy, m.cx, m.cy);
+  return md.empty() ? md : "Central models, fitted to all views:\n\n" + md + "\n";
+}
+
+std::string stage_text(const Calibration& c) {
+  if (c.stage.empty()) return {};
+  std::string md =
+      "| stage asked / mm | read back / mm | visits | drift read back / mm | drift seen / px |\n"
+      "|--:|--:|--:|--:|--:|\n";
+  for (const PlaneVisits& s : c.stage)
+    md += s.visits > 1 ? fmt::format("| {:.3f} | {:.5f} | {} | {:.5f} | ({:.4f}, {:.4f}) |\n", s.z_mm,
+                                     s.stage_mm, s.visits, s.drift_mm, s.drift_px.x(),
+                                     s.drift_px.y())
+                       : fmt::format("| {:.3f} | {:.5f} | 1 | - | - |\n", s.z_mm, s.stage_mm);
+  return md +
+         "\nDrift: last visit minus first. The mean shift of the pattern's points shows what moved "
+         "between camera and pattern, whatever the stage says.\n\n";
+}
+
+}  // namespace
+
+std::string calibration_text(const Calibration& c) {
+  std::string md = fmt::format(
+      "Source: {}{}. Ray model of order {} over planes at {:.3f} and {:.3f} mm, {} x {} px, {} "
+      "points, {} outliers left out.\n\n",
+      c.source, c.simulated ? " (simulated)" : "", c.irt.order(), c.irt.planes().a_mm,
+      c.irt.planes().b_mm, c.irt.image_size().width, c.irt.image_size().height, c.points,
+      c.outliers.size());
+  md += planes_text(c) + fit_text(c);
+  const auto [centre, spread] = c.irt.bundle_centre();
+  const auto [low, high] = c.irt.jacobian_range();
+  md += fmt::format(
+      "The rays pass nearest to ({:.2f}, {:.2f}, {:.2f}) mm, {:.3f} mm rms apart: that is how "
+      "central the lens is. Right-handed: det d(x,y)/d(u,v) = {:.4f}..{:.4f} mm^2/px^2.\n\n",
+      centre.x(), centre.y(), centre.z(), spread, low, high);
+  md += orders_text(c) + models_text(c) + central_text(c) + stage_text(c);
+  for (const PlanePoint& p : c.outliers)
+    md += fmt::format("Outlier: point ({}, {}) on the plane at {:.3f} mm.\n", p.column, p.row,
+                      p.z_mm);
+  return md;
+}
+
+std::filesystem::path write_calibration_report(const fs::path& folder, const Calibration& c,
+                                               const std::optional<CalibrationSet>& set) {
+  fs::create_directories(folder / "figures");
+  fs::create_directories(folder / "tables");
+  write_atomically(folder / "calibration.json", calibration_to_json(c));
+  const MonomialTable ours{"ours", c.irt.order(), c.irt.monomials(VDirection::kDown)};
+  write_atomically(folder / "tables" / "table1.csv", monomials_to_csv({&ours, 1}));
+  write_atomically(folder / "tables" / "table1.md", monomials_to_markdown({&ours, 1}));
+  write_atomically(folder / "tables" / "table1.tex", monomials_to_latex({&ours, 1}));
+  if (!c.orders.empty()) orders_csv(c.orders).write(folder / "tables" / "orders.csv");
+  if (!c.models.empty()) {
+    Csv csv({"model", "parameters", "fitted_rms_mm", "fitted_max_mm", "held_out_rms_mm",
+             "held_out_max_mm", "held_out_rms_px", "held_out_max_px", "why_not"});
+    for (const ModelRow& m : c.models) {
+      csv.text(m.name).integer(m.parameters).number(m.fit_rms_mm, 6).number(m.fit_max_mm, 6);
+      csv.number(m.held_out_rms_mm, 6).number(m.held_out_max_mm, 6).number(m.held_out_rms_px, 5);
+      csv.number(m.held_out_max_px, 5).text(m.why_not).end_row();
+    }
+    csv.write(folder / "tables" / "models.csv");
+  }
+  if (!c.central.empty()) fs::create_directories(folder / "opencv");
+  for (const CentralModel& m : c.central)
+    write_atomically(folder / "opencv" / fmt::format("{}.yml", central_name(m.kind)),
+                     to_opencv_yaml(m));
+
+  std::string md = "# Camera calibration\n\n";
+  if (c.simulated) md += "**Simulated.** No hardware took part.\n\n";
+  md += calibration_text(c);
+  if (set) {
+    for (const std::string& remark : set->remarks) md += remark + "\n\n";
+  }
+  md += "## Figures\n\n" +
+        figures_markdown(draw(folder / "figures", calibration_drafts(folder / "figures", c, set)));
+  if (!c.images.empty()) {
+    md += "## Images\n\n| file | SHA-256 |\n|---|---|\n";
+    for (const UsedImage& image : c.images)
+      md += fmt::format("| {} | `{}` |\n", image.file, image.sha256);
+  }
+  write_atomically(folder / "calibration.md", md);
+  return folder / "calibration.md";
+}
+
+}  // namespace turntable

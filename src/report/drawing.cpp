@@ -1,0 +1,81 @@
+#include "src/report/drawing.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cerrno>
+
+#include "src/core/parallel.h"
+#include "src/record/atomic_file.h"
+
+extern char** environ;
+
+namespace turntable {
+namespace {
+
+/// Runs gnuplot on a script in its folder. False if there is no gnuplot or it fails.
+bool run_gnuplot(const std::filesystem::path& script) {
+  const std::string folder = script.parent_path().string(), name = script.filename().string();
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_addchdir_np(&actions, folder.c_str());
+  posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
+  posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, "/dev/null", O_WRONLY, 0);
+  std::string program = "gnuplot", argument = name;
+  char* argv[] = {program.data(), argument.data(), nullptr};
+  pid_t child = 0;
+  const int failed = posix_spawnp(&child, "gnuplot", &actions, nullptr, argv, environ);
+  posix_spawn_file_actions_destroy(&actions);
+  if (failed != 0) return false;
+  int status = 0;
+  while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
+  }
+  return WIFEXITED(status) && WEXITSTATUS(status) == 0;
+}
+
+std::string script_of(const Draft& draft) {
+  std::string commands = draft.commands;
+  const std::string data = draft.figure.name + ".csv";
+  for (std::size_t at; (at = commands.find("DATA")) != std::string::npos;)
+    commands.replace(at, 4, data);
+  return fmt::format(
+      "set terminal svg standalone size {} dynamic noenhanced background rgb 'white' font 'sans,13'\n"
+      "set output '{}.svg'\n"
+      "set datafile separator ','\nset key outside right top\nset grid lc rgb '#dddddd'\n{}",
+      draft.size, draft.figure.name, commands);
+}
+
+}  // namespace
+
+std::vector<Figure> draw(const std::filesystem::path& folder, const std::vector<Draft>& drafts) {
+  for (const Draft& d : drafts)
+    write_atomically(folder / (d.figure.name + ".gp"), script_of(d));
+  std::vector<Figure> figures(drafts.size());
+  parallel_for(drafts.size(), [&](std::size_t i) {
+    figures[i] = drafts[i].figure;
+    figures[i].drawn = run_gnuplot(folder / (figures[i].name + ".gp"));
+  });
+  return figures;
+}
+
+std::string figures_markdown(const std::vector<Figure>& figures) {
+  std::string md = "The data of each lie beside it as CSV, with units in the headers.\n\n";
+  bool undrawn = false;
+  for (const Figure& f : figures) {
+    undrawn = undrawn || !f.drawn;
+    md += f.drawn ? fmt::format("![{}](figures/{}.svg)\n\n{} ([data](figures/{}.csv))\n\n",
+                                f.caption, f.name, f.caption, f.name)
+                  : fmt::format("{} ([data](figures/{}.csv), [script](figures/{}.gp))\n\n",
+                                f.caption, f.name, f.name);
+  }
+  if (undrawn)
+    md +=
+        "Pictures are missing where gnuplot could not draw them; install gnuplot-nox and make the "
+        "report again.\n\n";
+  return md;
+}
+
+}  // namespace turntable
