@@ -20,41 +20,66 @@ std::vector<OrderRow> compare_orders(std::span<const PlanePoint> fit,
                                      std::span<const PlanePoint> held_out, RayPlanes planes,
                                      ImageSize size, int max_order) {
   std::vector<OrderRow> rows;
+  std::vector<IrtFit> fits;
   for (int order = 1; order <= max_order; ++order) {
     OrderRow row;
     row.order = order;
     row.terms = (order + 1) * (order + 2) / 2;
+    IrtFit f;
     try {
-      const IrtFit f = fit_irt(fit, planes, order, size);
-      row.points = f.points;
-      row.outliers = static_cast<int>(f.outliers.size());
-      row.rms_mm = f.rms_mm;
-      row.loo_rms_mm = f.loo_rms_mm;
-      row.condition = f.condition;
-      row.max_leverage = f.max_leverage;
-      row.chi2_per_dof = f.chi2_per_dof;
-      double inside = 0.0, outside = 0.0, max = 0.0;
-      for (const PlanePoint& p : held_out) {
-        const double miss = residual_mm(f.model, p).norm();
-        if (f.model.in_domain(p.pixel_px)) {
-          inside += miss * miss;
-          max = std::max(max, miss);
-          ++row.held_out_points;
-        } else {
-          outside += miss * miss;
-          ++row.outside_points;
-        }
-      }
-      if (row.held_out_points > 0) {
-        row.held_out_rms_mm = std::sqrt(inside / row.held_out_points);
-        row.held_out_max_mm = max;
-      }
-      if (row.outside_points > 0) row.outside_rms_mm = std::sqrt(outside / row.outside_points);
+      f = fit_irt(fit, planes, order, size);
     } catch (const Error& e) {
       if (order == 1) throw;
       row.refused = e.what();
     }
     rows.push_back(row);
+    fits.push_back(std::move(f));
+  }
+
+  std::vector<bool> kept_by_some(fit.size(), false);
+  for (const IrtFit& f : fits)
+    for (const PointStatistics& p : f.used) kept_by_some[p.index] = true;
+
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    OrderRow& row = rows[i];
+    const IrtFit& f = fits[i];
+    if (!row.refused.empty()) continue;
+    row.points = f.points;
+    row.outliers = static_cast<int>(f.outliers.size());
+    row.rms_mm = f.rms_mm;
+    row.condition = f.condition;
+    row.max_leverage = f.max_leverage;
+    row.chi2_per_dof = f.chi2_per_dof;
+
+    // A point that another order follows is no outlier, and is left out of this fit already.
+    std::vector<bool> used(fit.size(), false);
+    for (const PointStatistics& p : f.used) used[p.index] = true;
+    double left_out = f.loo_rms_mm * f.loo_rms_mm * f.points;
+    int count = f.points;
+    for (std::size_t k = 0; k < fit.size(); ++k)
+      if (kept_by_some[k] && !used[k]) {
+        left_out += residual_mm(f.model, fit[k]).squaredNorm();
+        ++count;
+      }
+    row.loo_rms_mm = std::sqrt(left_out / count);
+
+    double inside = 0.0, outside = 0.0, max = 0.0;
+    for (const PlanePoint& p : held_out) {
+      const double miss = residual_mm(f.model, p).norm();
+      if (f.model.in_domain(p.pixel_px)) {
+        inside += miss * miss;
+        max = std::max(max, miss);
+        ++row.held_out_points;
+      } else {
+        outside += miss * miss;
+        ++row.outside_points;
+      }
+    }
+    if (row.held_out_points > 0) {
+      row.held_out_rms_mm = std::sqrt(inside / row.held_out_points);
+      row.held_out_max_mm = max;
+    }
+    if (row.outside_points > 0) row.outside_rms_mm = std::sqrt(outside / row.outside_points);
   }
   return rows;
 }

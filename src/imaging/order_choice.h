@@ -19,8 +19,10 @@ struct OrderRow {
   int order = 0;
   int terms = 0;  ///< per map
   int points = 0, outliers = 0;
-  double rms_mm = NAN;           ///< of the fitted points
-  double loo_rms_mm = NAN;       ///< of the fitted points, each left out in turn
+  double rms_mm = NAN;  ///< of the fitted points
+  /// Of the fitted points, each left out in turn, and of those that only this order calls outliers:
+  /// an order too stiff for the edge of the image shall not look better for dropping it.
+  double loo_rms_mm = NAN;
   double held_out_rms_mm = NAN;  ///< of the held-out points inside the domain
   double held_out_max_mm = NAN;
   int held_out_points = 0;      ///< inside the domain

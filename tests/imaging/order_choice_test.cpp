@@ -81,6 +81,19 @@ TEST(OrderChoice, OfTheSimulatedRigGivesChiSquareOneAndMicrometresOnEveryPlane) 
   EXPECT_LE(row.held_out_max_mm, 0.03);
 }
 
+TEST(OrderChoice, DoesNotFlatterAnOrderThatDropsWhatItCannotFollow) {
+  auto points = points_of({130, 180}, 0.005, 3, "simulated");
+  points[100].pixel_px.x() += 5.0;  // and this is an outlier to every order that can tell
+  const auto rows = compare_orders(points, {}, {130, 180}, kSize, 6);
+  print(rows);
+  ASSERT_GT(rows[2].outliers, rows[4].outliers);
+  EXPECT_EQ(rows[4].outliers, 1);
+  const IrtFit stiff = fit_irt(points, {130, 180}, 3, kSize);
+  EXPECT_GT(rows[2].loo_rms_mm, 1.05 * stiff.loo_rms_mm);
+  EXPECT_LT(rows[3].loo_rms_mm, rows[2].loo_rms_mm);
+  EXPECT_EQ(choose_order(rows), 5);
+}
+
 // Real data: points of cameras that nobody here built.
 
 TEST(OrderChoice, OnARealSteppedTargetRecognisesTheStripAndStaysAtOrderOne) {
@@ -121,8 +134,8 @@ TEST(OrderChoice, OnARealPlateIsTwoAndOrderFiveFollowsTheNoise) {
     std::ranges::replace(line, ',', ' ');
     std::istringstream fields(line);
     int plane = 0;
-    PlanePoint
-        p;  // v: the dots are at these rows counted from the top, whatever the column is called
+    // The dots are at these v counted from the top, as everywhere in this project.
+    PlanePoint p;
     fields >> plane >> p.z_mm >> p.on_plane_mm.x() >> p.on_plane_mm.y() >> p.pixel_px.x() >>
         p.pixel_px.y();
     ASSERT_TRUE(fields) << line;
