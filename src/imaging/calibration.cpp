@@ -33,6 +33,27 @@ constexpr std::array<std::pair<const char*, double Calibration::*>, 4> kFitNumbe
      {"condition", &Calibration::condition},
      {"max_leverage", &Calibration::max_leverage}}};
 
+constexpr std::array<std::pair<const char*, double OrderRow::*>, 8> kOrderNumbers{
+    {{"rms_mm", &OrderRow::rms_mm},
+     {"loo_rms_mm", &OrderRow::loo_rms_mm},
+     {"held_out_rms_mm", &OrderRow::held_out_rms_mm},
+     {"held_out_max_mm", &OrderRow::held_out_max_mm},
+     {"outside_rms_mm", &OrderRow::outside_rms_mm},
+     {"condition", &OrderRow::condition},
+     {"max_leverage", &OrderRow::max_leverage},
+     {"chi2_per_dof", &OrderRow::chi2_per_dof}}};
+constexpr std::array<std::pair<const char*, int OrderRow::*>, 6> kOrderCounts{
+    {{"order", &OrderRow::order},
+     {"terms", &OrderRow::terms},
+     {"points", &OrderRow::points},
+     {"outliers", &OrderRow::outliers},
+     {"held_out_points", &OrderRow::held_out_points},
+     {"outside_points", &OrderRow::outside_points}}};
+
+constexpr const char* kCovariance = "covariance_lower_mm2";
+/// Of a correlation beyond 1, by rounding.
+constexpr double kCorrelationTolerance = 1e-9;
+
 OrderedJson pair(const Vector2d& v) { return {v.x(), v.y()}; }
 Vector2d pair(const Json& v) { return {v.at(0).get<double>(), v.at(1).get<double>()}; }
 
@@ -117,7 +138,105 @@ ModelRow model_row_from(const Json& j) {
   return row;
 }
 
+OrderedJson to_json(const OrderRow& row) {
+  OrderedJson j;
+  for (const auto& [key, member] : kOrderCounts) j[key] = row.*member;
+  for (const auto& [key, member] : kOrderNumbers) put(j, key, row.*member);
+  if (!row.refused.empty()) j["refused"] = row.refused;
+  return j;
+}
+
+OrderRow order_row_from(const Json& j) {
+  OrderRow row;
+  for (const auto& [key, member] : kOrderCounts) row.*member = j.at(key);
+  for (const auto& [key, member] : kOrderNumbers) row.*member = get(j, key);
+  row.refused = j.value("refused", "");
+  return row;
+}
+
+OrderedJson to_json(const PlaneResidual& p) {
+  OrderedJson j{{"z_mm", p.z_mm},
+                {"fitted", p.fitted},
+                {"points", p.points},
+                {"rms_mm", p.rms_mm},
+                {"max_mm", p.max_mm}};
+  put(j, "coverage", p.coverage);
+  put(j, "noise_gain", p.noise_gain);
+  return j;
+}
+
+PlaneResidual plane_from(const Json& j) {
+  PlaneResidual p;
+  p.z_mm = j.at("z_mm");
+  p.fitted = j.at("fitted");
+  p.points = j.at("points");
+  p.rms_mm = j.at("rms_mm");
+  p.max_mm = j.at("max_mm");
+  p.coverage = get(j, "coverage");
+  p.noise_gain = get(j, "noise_gain");
+  return p;
+}
+
+/// The lower triangle by rows. Row i of the file is row `rows[i]` of the answer.
+Eigen::MatrixXd covariance_from(const Json& lower, const std::vector<Eigen::Index>& rows,
+                                const std::string& name) {
+  const std::string pointer = fmt::format("/irt/{}", kCovariance);
+  const std::size_t size = rows.size(), needed = size * (size + 1) / 2;
+  if (lower.size() != needed)
+    throw ConfigError(name, pointer,
+                      fmt::format("found {} numbers, allowed: the lower triangle of {} x {}, {}.",
+                                  lower.size(), size, size, needed));
+  Eigen::MatrixXd C(static_cast<Eigen::Index>(size), static_cast<Eigen::Index>(size));
+  std::size_t at = 0;
+  for (std::size_t i = 0; i < size; ++i)
+    for (std::size_t j = 0; j <= i; ++j)
+      C(rows[i], rows[j]) = C(rows[j], rows[i]) = lower.at(at++).get<double>();
+  const auto refuse = [&](std::size_t i, std::size_t j, const std::string& message) {
+    throw ConfigError(name, fmt::format("{}/{}", pointer, i * (i + 1) / 2 + j), message);
+  };
+  for (std::size_t i = 0; i < size; ++i)
+    if (const double value = C(rows[i], rows[i]); !(value >= 0))
+      refuse(i, i, fmt::format("found a variance of {} mm^2, allowed: 0 or more.", value));
+  for (std::size_t i = 0; i < size; ++i)
+    for (std::size_t j = 0; j < i; ++j) {
+      const double value = C(rows[i], rows[j]);
+      const double bound = std::sqrt(C(rows[i], rows[i]) * C(rows[j], rows[j]));
+      if (!(std::abs(value) <= bound * (1.0 + kCorrelationTolerance)))
+        refuse(
+            i, j,
+            fmt::format("found {} mm^2, allowed by the variances: {} mm^2 at most.", value, bound));
+    }
+  return C;
+}
+
 }  // namespace
+
+void Calibration::set_irt(const IrtFit& fit, std::span<const PlanePoint> given) {
+  irt = fit.model;
+  sigma_mm = fit.sigma_mm;
+  points = fit.points;
+  loo_rms_mm = fit.loo_rms_mm;
+  chi2_per_dof = fit.chi2_per_dof;
+  condition = fit.condition;
+  max_leverage = fit.max_leverage;
+  outliers = fit.outliers;
+  planes.clear();
+  for (const FittedPlane& plane : fit.planes) {
+    PlaneResidual row;
+    row.z_mm = plane.z_mm;
+    row.points = plane.points;
+    row.coverage = plane.coverage;
+    row.noise_gain = plane.noise_gain;
+    double squares = 0.0;
+    for (const PointStatistics& p : fit.used) {
+      if (given[p.index].z_mm != plane.z_mm) continue;
+      squares += p.residual_mm.squaredNorm();
+      row.max_mm = std::max(row.max_mm, p.residual_mm.norm());
+    }
+    row.rms_mm = std::sqrt(squares / std::max(1, plane.points));
+    planes.push_back(row);
+  }
+}
 
 const CentralModel* Calibration::find_central(std::string_view name) const {
   const auto it = std::ranges::find_if(
@@ -145,13 +264,11 @@ std::string calibration_to_json(const Calibration& c) {
   irt["sigma_mm"] = c.sigma_mm;
   irt["points"] = c.points;
   for (const auto& [key, member] : kFitNumbers) put(irt, key, c.*member);
+  const Eigen::MatrixXd& C = c.irt.covariance();
+  for (Eigen::Index i = 0; i < C.rows(); ++i)
+    for (Eigen::Index j = 0; j <= i; ++j) irt[kCovariance].push_back(C(i, j));
   irt["planes"] = OrderedJson::array();
-  for (const PlaneResidual& p : c.planes)
-    irt["planes"].push_back({{"z_mm", p.z_mm},
-                             {"fitted", p.fitted},
-                             {"points", p.points},
-                             {"rms_mm", p.rms_mm},
-                             {"max_mm", p.max_mm}});
+  for (const PlaneResidual& p : c.planes) irt["planes"].push_back(to_json(p));
   irt["outliers"] = OrderedJson::array();
   for (const PlanePoint& p : c.outliers)
     irt["outliers"].push_back(
@@ -162,6 +279,7 @@ std::string calibration_to_json(const Calibration& c) {
                    {"image_size_px", {c.irt.image_size().width, c.irt.image_size().height}},
                    {"irt", irt}};
   for (const CentralModel& m : c.central) json["central"].push_back(to_json(m));
+  for (const OrderRow& row : c.orders) json["orders"].push_back(to_json(row));
   for (const ModelRow& row : c.models) json["models"].push_back(to_json(row));
   for (const PlaneVisits& p : c.stage)
     json["stage"].push_back({{"z_mm", p.z_mm},
@@ -195,6 +313,7 @@ Calibration parse_calibration(const std::string& text, const std::string& name) 
                       fmt::format("found {} terms, allowed: {} for order {}.",
                                   irt.at("terms").size(), terms.size(), order));
   std::vector<bool> seen(terms.size(), false);
+  std::vector<Eigen::Index> rows(2 * terms.size());  // of the file's terms on plane a, then b
   for (std::size_t k = 0; k < 4; ++k)
     if (irt.at(kColumns[k]).size() != terms.size())
       throw ConfigError(name, fmt::format("/irt/{}", kColumns[k]),
@@ -208,6 +327,8 @@ Calibration parse_calibration(const std::string& text, const std::string& name) 
                         fmt::format("found [{}, {}], allowed: each [r, s] with r + s <= {} once.",
                                     term.first, term.second, order));
     seen[row] = true;
+    rows[i] = static_cast<Eigen::Index>(row);
+    rows[terms.size() + i] = static_cast<Eigen::Index>(terms.size() + row);
     for (std::size_t k = 0; k < 4; ++k)
       coefficients(static_cast<Eigen::Index>(row), static_cast<Eigen::Index>(k)) =
           irt.at(kColumns[k]).at(i);
@@ -230,12 +351,16 @@ Calibration parse_calibration(const std::string& text, const std::string& name) 
   c.irt = monomial ? IrtModel::from_monomials(size, planes, order, coefficients, v, hull)
                    : IrtModel(size, planes, order, coefficients, hull);
   check_handedness(c.irt, name);
+  if (irt.contains(kCovariance)) {
+    if (monomial)
+      throw ConfigError(name, fmt::format("/irt/{}", kCovariance),
+                        "found with \"basis\": \"monomial\", allowed: with \"legendre\" only.");
+    c.irt.set_covariance(covariance_from(irt.at(kCovariance), rows, name));
+  }
 
   c.sigma_mm = irt.value("sigma_mm", 0.0);
   c.points = irt.value("points", 0);
-  for (const Json& p : irt.value("planes", Json::array()))
-    c.planes.push_back(
-        {p.at("z_mm"), p.at("fitted"), p.at("points"), p.at("rms_mm"), p.at("max_mm")});
+  for (const Json& p : irt.value("planes", Json::array())) c.planes.push_back(plane_from(p));
   for (const Json& p : irt.value("outliers", Json::array())) {
     PlanePoint point;
     point.z_mm = p.at("z_mm");
@@ -253,6 +378,7 @@ Calibration parse_calibration(const std::string& text, const std::string& name) 
           fmt::format("found {} a second time, allowed: each model once.", j.at("model").dump()));
     c.central.push_back(central_from(j, size, name, place));
   }
+  for (const Json& j : json.value("orders", Json::array())) c.orders.push_back(order_row_from(j));
   for (const Json& j : json.value("models", Json::array())) c.models.push_back(model_row_from(j));
   for (const Json& j : json.value("stage", Json::array()))
     c.stage.push_back({j.at("z_mm"), j.at("read_back_mm"), j.at("visits"), j.at("drift_mm")});

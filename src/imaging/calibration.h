@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <limits>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -72,6 +73,9 @@ struct Calibration {
   std::vector<UsedImage> images;
   std::vector<CentralModel> central;
 
+  /// The ray model with the statistics of its fit, and a row of `planes` for each fitted plane.
+  /// @param given the points that `fit_irt` was given, in the same order
+  void set_irt(const IrtFit& fit, std::span<const PlanePoint> given);
   /// The central model of that kind ("pinhole", "brown", "rational", "fisheye"), or nullptr.
   const CentralModel* find_central(std::string_view name) const;
   /// The one that takes distortion out: "brown", else "rational", else "fisheye", or nullptr.

@@ -19,12 +19,7 @@ FittedCamera fit_ray_model(const CameraData& data) {
   out.parameters = static_cast<int>(fit.model.coefficients().size());
   out.ray = [model = fit.model](const Vector2d& p) { return model.ray(p); };
   out.in_domain = [model = fit.model](const Vector2d& p) { return model.in_domain(p); };
-  out.store = [fit](Calibration& c) {
-    c.irt = fit.model;
-    c.sigma_mm = fit.sigma_mm;
-    c.points = fit.points;
-    c.outliers = fit.outliers;
-  };
+  out.store = [fit, points = data.fit](Calibration& c) { c.set_irt(fit, points); };
   return out;
 }
 

@@ -211,6 +211,7 @@ Calibration calibration_from_central(const CentralModel& given, RayPlanes planes
   CentralModel model = given;
   model.R_plane_from_camera = Vector3d(1, -1, -1).asDiagonal();
   model.centre_mm.setZero();
+  model.lean.setZero();
   model.tied_to_plane = false;
 
   // The nodes make Legendre polynomials orthogonal as sums too, so that each coefficient is a

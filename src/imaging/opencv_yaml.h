@@ -13,7 +13,7 @@
 
 namespace turntable {
 
-/// The file's text. `model.R_plane_from_camera` and `centre_mm` have no place in it.
+/// The file's text. `R_plane_from_camera`, `centre_mm` and `lean` have no place in it.
 std::string to_opencv_yaml(const CentralModel& model);
 
 /// The camera alone, of the simplest kind that has all its coefficients that are not zero: pinhole,

@@ -69,9 +69,19 @@ CentralModel central(CentralKind kind) {
   return m;
 }
 
+/// Positive definite, each number its own.
+Eigen::MatrixXd some_covariance(int size) {
+  Eigen::MatrixXd C(size, size);
+  for (int i = 0; i < size; ++i)
+    for (int j = 0; j < size; ++j)
+      C(i, j) = 1e-7 * std::exp(-0.1 * std::abs(i - j)) / (3.0 + std::max(i, j));
+  return C;
+}
+
 /// With every part of the file, in numbers that binary fractions do not hold exactly.
 Calibration full() {
   Calibration c = load_calibration(table1());
+  c.irt.set_covariance(some_covariance(42));
   c.sigma_mm = 0.1;
   c.points = 450;
   c.loo_rms_mm = 0.7;
@@ -79,7 +89,7 @@ Calibration full() {
   c.condition = 2.9;
   c.max_leverage = 0.3;
   for (const CentralKind kind : kCentralKinds) c.central.push_back(central(kind));
-  c.planes = {{0.0, false, 255, 0.002, 0.006}, {130.0, true, 210, 0.001, 0.002}};
+  c.planes = {{0.0, false, 255, 0.002, 0.006}, {130.0, true, 210, 0.001, 0.002, 0.7, 0.9}};
   PlanePoint outlier;
   outlier.pixel_px = {1.0 / 3.0, 2.0 / 3.0};
   outlier.z_mm = 130.0;
@@ -87,6 +97,26 @@ Calibration full() {
   outlier.row = 4;
   c.outliers = {outlier};
   c.stage = {{130.0, 130.0003, 2, -0.0004}, {180.0, 179.9998, 1, 0.0}};
+  OrderRow order;
+  order.order = 5;
+  order.terms = 21;
+  order.points = 450;
+  order.outliers = 1;
+  order.held_out_points = 240;
+  order.outside_points = 15;
+  order.rms_mm = 0.1;
+  order.loo_rms_mm = 0.2;
+  order.held_out_rms_mm = 0.3;
+  order.held_out_max_mm = 0.6;
+  order.outside_rms_mm = 0.7;
+  order.condition = 2.9;
+  order.max_leverage = 0.4;
+  order.chi2_per_dof = 1.1;
+  OrderRow refused;
+  refused.order = 9;
+  refused.terms = 55;
+  refused.refused = "too few points";
+  c.orders = {order, refused};
   ModelRow irt;
   irt.name = "irt";
   irt.parameters = 84;
@@ -110,6 +140,7 @@ TEST(Calibration, FileKeepsEveryDigit) {
   const Calibration back = parse_calibration(text, "copy");
   EXPECT_EQ(calibration_to_json(back), text);
   EXPECT_EQ(back.irt.coefficients(), c.irt.coefficients());
+  EXPECT_EQ(back.irt.covariance(), c.irt.covariance());
   for (const CentralModel& m : c.central) {
     const CentralModel* read = back.find_central(central_name(m.kind));
     ASSERT_NE(read, nullptr);
@@ -128,6 +159,14 @@ TEST(Calibration, FileKeepsEveryDigit) {
   EXPECT_EQ(back.condition, c.condition);
   EXPECT_EQ(back.max_leverage, c.max_leverage);
   ASSERT_EQ(back.planes.size(), 2u);
+  EXPECT_TRUE(std::isnan(back.planes[0].coverage));
+  EXPECT_EQ(back.planes[1].coverage, 0.7);
+  EXPECT_EQ(back.planes[1].noise_gain, 0.9);
+  ASSERT_EQ(back.orders.size(), 2u);
+  EXPECT_EQ(back.orders[0].outside_points, 15);
+  EXPECT_EQ(back.orders[0].outside_rms_mm, 0.7);
+  EXPECT_TRUE(std::isnan(back.orders[1].rms_mm));
+  EXPECT_EQ(back.orders[1].refused, "too few points");
   EXPECT_EQ(back.outliers.at(0).pixel_px, c.outliers[0].pixel_px);
   ASSERT_EQ(back.stage.size(), 2u);
   EXPECT_EQ(back.stage[0].stage_mm, 130.0003);
@@ -141,7 +180,8 @@ TEST(Calibration, FileKeepsEveryDigit) {
 
 TEST(Calibration, WhatIsNotKnownIsLeftOutOfTheFile) {
   const std::string text = calibration_to_json(load_calibration(table1()));
-  for (const char* key : {"null", "loo_rms_mm", "chi2_per_dof", "central", "models", "stage"})
+  for (const char* key :
+       {"null", "loo_rms_mm", "chi2_per_dof", "central", "models", "stage", "orders", "covariance"})
     EXPECT_EQ(text.find(key), std::string::npos) << key;
   EXPECT_TRUE(std::isnan(parse_calibration(text, "copy").chi2_per_dof));
 }
@@ -161,6 +201,13 @@ TEST(Calibration, EveryMisuseOfItsPartsIsRefusedWithThePlace) {
         {"/central/1/lean", Json{1}, nullptr},
         {"/central/1/R_plane_from_camera", Json{{1, 0, 0}, {0, 1, 0}, {0, 0, -1}}, nullptr},
         {"/central/1/R_plane_from_camera", Json{{1, 0, 0}, {0, 1, 0}, {0, 0.01, 1}}, nullptr},
+        {"/irt/covariance_lower_mm2", Json{1e-6, 0.0, 1e-6}, nullptr},
+        {"/irt/covariance_lower_mm2/2", -1e-6, nullptr},
+        {"/irt/covariance_lower_mm2/1", 1.0, nullptr},
+        {"/irt/planes/1/coverage", -0.1, nullptr},
+        {"/orders/0/order", 10, nullptr},
+        {"/orders/1/refused", 5, nullptr},
+        {"/orders/0/points", -1, nullptr},
         {"/models/0/fit_rms_mm", -1, nullptr},
         {"/models/0/parameters", "many", nullptr},
         {"/stage/0/visits", 0, nullptr},
@@ -181,6 +228,34 @@ TEST(Calibration, EveryMisuseOfItsPartsIsRefusedWithThePlace) {
       EXPECT_NE(e.message().find("found"), std::string::npos) << e.what();
       EXPECT_NE(e.message().find("allowed"), std::string::npos) << e.what();
     }
+  }
+}
+
+TEST(Calibration, ACovarianceFollowsTheTermsOfTheFile) {
+  const Calibration c = full();
+  Json json = Json::parse(calibration_to_json(c));
+  // The file's terms backwards, and all that goes by them.
+  Json& irt = json["irt"];
+  for (const char* key : {"terms", "C_a_mm", "D_a_mm", "C_b_mm", "D_b_mm"})
+    std::reverse(irt[key].begin(), irt[key].end());
+  irt["covariance_lower_mm2"].clear();
+  const auto reversed = [](Eigen::Index i) { return i < 21 ? 20 - i : 62 - i; };
+  for (Eigen::Index i = 0; i < 42; ++i)
+    for (Eigen::Index j = 0; j <= i; ++j)
+      irt["covariance_lower_mm2"].push_back(c.irt.covariance()(reversed(i), reversed(j)));
+  const Calibration back = parse_calibration(json.dump(), "backwards");
+  EXPECT_EQ(back.irt.coefficients(), c.irt.coefficients());
+  EXPECT_EQ(back.irt.covariance(), c.irt.covariance());
+}
+
+TEST(Calibration, ACovarianceOfRawMonomialsIsRefused) {
+  Json json = Json::parse(read_text(table1()));
+  json["irt"]["covariance_lower_mm2"] = {1.0};
+  try {
+    parse_calibration(json.dump(), "camera.json");
+    FAIL() << "accepted";
+  } catch (const ConfigError& e) {
+    EXPECT_EQ(e.pointer(), "/irt/covariance_lower_mm2") << e.what();
   }
 }
 

@@ -128,6 +128,22 @@ TEST(CameraModels, AFittedModelIsKeptWhereTheFileIsWrittenFrom) {
   c.source = "test";
   const Calibration back = parse_calibration(calibration_to_json(c), "back");
   EXPECT_EQ(back.irt.order(), 5);
+  EXPECT_EQ(back.irt.sigma_mm({500, 400}, 150), c.irt.sigma_mm({500, 400}, 150));
+  EXPECT_GT(back.irt.sigma_mm({500, 400}, 150), 0.0);
+  ASSERT_EQ(back.planes.size(), 2u);
+  int points = 0;
+  double squares = 0.0;
+  for (const PlaneResidual& plane : back.planes) {
+    EXPECT_TRUE(plane.fitted);
+    EXPECT_GT(plane.coverage, 0.5);
+    EXPECT_LE(plane.rms_mm, plane.max_mm);
+    points += plane.points;
+    squares += plane.points * plane.rms_mm * plane.rms_mm;
+  }
+  EXPECT_EQ(points, back.points);
+  // Two coordinates per point, 84 of them given to the coefficients.
+  EXPECT_NEAR(std::sqrt(squares / (2.0 * points - 84)), back.sigma_mm, 1e-9);
+  EXPECT_GT(back.loo_rms_mm, 0.0);
   ASSERT_NE(back.find_central("brown"), nullptr);
   EXPECT_EQ(back.find_central("pinhole"), nullptr);
   EXPECT_EQ(back.find_central("brown")->normalise({100, 200}),

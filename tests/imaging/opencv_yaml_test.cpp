@@ -137,7 +137,9 @@ TEST(OpenCvYaml, AnImportedCameraIsARayModelWithinAThousandthOfAPixel) {
   const RayPlanes planes{-570, -520};
   int last_order = 0;
   for (const CentralKind kind : {CentralKind::kPinhole, CentralKind::kBrown}) {
-    const CentralModel m = model_of(kind);
+    CentralModel m = model_of(kind);
+    m.centre_mm = {1, 2, 700};  // no part of an imported camera, nor is the lean
+    m.lean = {0.01, 0.02};
     const Calibration c = calibration_from_central(m, planes, "camera.yml");
     for (double u = 0; u <= 1023; u += 31)
       for (double v = 0; v <= 1023; v += 31) {
