@@ -35,7 +35,7 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr int kTile = 32;  ///< px; a window of three tiles must hold both disc and ground
+constexpr int kTile = 16;  ///< px; a window of three tiles is what a half-way level is taken from
 constexpr double kRoundingVariance = 1.0 / 12.0;
 
 /// Standard deviation of the noise, from second differences along every 16th row (median, so that
@@ -312,7 +312,8 @@ bool measure(ImageView image, ImageView marked, const Ellipse& e, double ring, d
   if (bottom - top >= static_cast<int>(rows.size())) return false;
 
   PlaneFit ground, plateau;
-  const int plateau_step = 1 + static_cast<int>(std::max(0.0, e.minor - ring) / 8.0);  // enough pixels
+  const int plateau_step =
+      1 + static_cast<int>(std::max(0.0, e.minor - ring) / 8.0);  // enough pixels
   for (int v = std::max(0, ground_end.top()); v <= std::min(image.height - 1, ground_end.bottom());
        ++v) {
     const std::uint8_t* row = image.row(v);
@@ -545,7 +546,7 @@ CircleSearch find_circles(ImageView image, bool bright, const CircleOptions& opt
       if (!good) break;
       const double scale = m.area / e.area();
       const bool settled =
-          (m.centre - e.centre).norm() < 0.25 && std::abs(std::sqrt(scale) - 1.0) * e.major < 0.35;
+          (m.centre - e.centre).norm() < 0.1 && std::abs(std::sqrt(scale) - 1.0) * e.major < 0.35;
       if (settled || !(scale > 0.3 && scale < 3.0)) break;
       e = Ellipse(m.centre, e.shape * scale);
     }
