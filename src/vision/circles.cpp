@@ -36,6 +36,8 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr int kTile = 16;  ///< px; a window of three tiles is what a half-way level is taken from
+/// Of a disc's size; a centre less exact than this is a flaw of noise, not a disc.
+constexpr double kLeastExact = 0.05;
 constexpr double kRoundingVariance = 1.0 / 12.0;
 
 /// Standard deviation of the noise, from second differences along every 16th row (median, so that
@@ -107,7 +109,7 @@ Tiles half_way_levels(ImageView image, double noise, const CircleOptions& option
       greatest = std::max(greatest, contrast[k]);
     }
   // Ground alone, or the inside of a large disc, knows no half-way level; it takes its neighbours'.
-  const double enough = std::max({options.min_contrast_grey, 8.0 * noise, 0.2 * greatest});
+  const double enough = std::max({options.min_contrast_grey, 10.0 * noise, 0.2 * greatest});
   if (greatest < enough) return {};
   for (std::size_t k = 0; k < count; ++k)
     if (contrast[k] < enough) tiles.level[k] = -1.0;
@@ -559,13 +561,13 @@ CircleSearch find_circles(ImageView image, bool bright, const CircleOptions& opt
       if (!good) break;
       const double scale = m.area / e.area();
       const bool settled =
-          (m.centre - e.centre).norm() < 0.1 && std::abs(std::sqrt(scale) - 1.0) * e.major < 0.35;
+          (m.centre - e.centre).norm() < 0.25 && std::abs(std::sqrt(scale) - 1.0) * e.major < 0.35;
       if (settled || !(scale > 0.3 && scale < 3.0)) break;
       e = Ellipse(m.centre, e.shape * scale);
     }
     if (cut)
       ++search.cut_by_border;
-    else if (!good)
+    else if (!good || m.sigma > kLeastExact * std::sqrt(m.area))
       ++search.rejected;
     else
       search.circles.push_back({m.centre, m.sigma, std::sqrt(m.area / std::numbers::pi),
