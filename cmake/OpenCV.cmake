@@ -9,6 +9,7 @@ foreach(module core imgproc imgcodecs features2d calib3d videoio)
 endforeach()
 target_link_libraries(opencv::imgproc INTERFACE opencv::core)
 target_link_libraries(opencv::imgcodecs INTERFACE opencv::core)
+target_link_libraries(opencv::features2d INTERFACE opencv::imgproc)
 # Its header takes detectors of features2d, which Debian installs with it.
 target_link_libraries(opencv::calib3d INTERFACE opencv::core opencv::imgproc opencv::features2d)
 target_link_libraries(opencv::videoio INTERFACE opencv::core)

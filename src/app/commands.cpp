@@ -92,8 +92,8 @@ void check_solvers(const std::vector<const Solver*>& solvers, const CameraSource
     if (solver->sight == Sight::kRays) continue;
     const bool served = !camera.loaded ? tilted
                         : solver->sight == Sight::kPinholeRaw
-                            ? camera.loaded->pinhole.has_value()
-                            : camera.loaded->pinhole_distorted.has_value();
+                            ? camera.loaded->find_central("pinhole") != nullptr
+                            : camera.loaded->undistorting() != nullptr;
     if (!served)
       throw ConfigError(
           "--solver", "",
@@ -345,9 +345,8 @@ int calibrate_command(const CalibrateArguments& a) {
   fmt::print("right-handed: det d(x,y)/d(u,v) = {:.4f}..{:.4f} mm^2/px^2\n", low, high);
   fmt::print("rays pass nearest to ({:.2f}, {:.2f}, {:.2f}) mm, {:.3f} mm rms apart\n", centre.x(),
              centre.y(), centre.z(), spread);
-  if (c.pinhole) fmt::print("pinhole without distortion: {:.3f} px rms\n", c.pinhole->rms_px);
-  if (c.pinhole_distorted)
-    fmt::print("pinhole with distortion: {:.4f} px rms\n", c.pinhole_distorted->rms_px);
+  for (const CentralModel& m : c.central)
+    fmt::print("{}: {:.4f} px rms over {} views\n", central_name(m.kind), m.rms_px, m.views);
   if (!out.empty()) {
     write_atomically(out, calibration_to_json(c));
     fmt::print("calibration: {}\n", out.string());

@@ -42,7 +42,8 @@ Prepared prepare(ArchiveWorker::Job& job, const RunFolder& folder, const RigFile
     bool mask = false;
     std::vector<Region> regions;
     if (planned.payload == Payload::kLedTarget) {
-      const SpotSearch search = find_spots(frame.image);
+      const SpotSearch search =
+          find_spots(frame.image, {.electrons_per_grey = rig_file.camera.electrons_per_grey});
       image.spots.emplace();
       for (const Spot& s : search.spots) {
         if (regions.size() == kMaxSpots) break;

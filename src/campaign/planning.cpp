@@ -89,6 +89,14 @@ void add_calibration(Plan& plan, const Scenario& scenario) {
     plan.poses.push_back(pose);
     ++pose.point;
   }
+  if (!scenario.return_to_first_plane) return;
+  const CalibrationPlane& first = scenario.planes.front();
+  pose.role = first.fit ? PoseRole::kPlaneFit : PoseRole::kPlaneCheck;
+  pose.stage_mm = first.stage_mm;
+  pose.yaw_deg = pose.roll_deg = pose.pitch_deg = 0.0;
+  pose.images = scenario.images_per_plane;
+  pose.point = 0;
+  plan.poses.push_back(pose);
 }
 
 std::string named(const Plan& plan, const PlannedPose& pose) {

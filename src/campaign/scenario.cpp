@@ -48,7 +48,7 @@ class Reader {
     static const std::set<std::string> attitude{"payload", "table",   "stage_mm",       "ranges",
                                                 "order",   "repeats", "images_per_pose"};
     static const std::set<std::string> calibration{"planes", "images_per_plane", "polynomial_order",
-                                                   "pinhole_views"};
+                                                   "pinhole_views", "return_to_first_plane"};
     const bool is_attitude = kind == ScenarioKind::kAttitude;
     const auto& own = is_attitude ? attitude : calibration;
     for (const auto& [key, value] : json_.items())
@@ -146,10 +146,17 @@ class Reader {
     return out;
   }
 
+  int polynomial_order() const {
+    const auto order = json_.find("polynomial_order");
+    if (order == json_.end()) return 5;
+    return order->is_string() ? kOrderByResiduals : order->get<int>();
+  }
+
   void read_calibration(Scenario& s) const {
     s.payload = Payload::kCirclePattern;
     s.images_per_plane = json_.value("images_per_plane", 1);
-    s.polynomial_order = json_.value("polynomial_order", 5);
+    s.polynomial_order = polynomial_order();
+    s.return_to_first_plane = json_.value("return_to_first_plane", false);
     const Json& planes = json_.at("planes");
     int fits = 0;
     for (std::size_t i = 0; i < planes.size(); ++i) {
@@ -181,7 +188,8 @@ class Reader {
 }  // namespace
 
 std::size_t Scenario::pose_count() const {
-  if (kind == ScenarioKind::kCalibration) return planes.size() + pinhole_views.size();
+  if (kind == ScenarioKind::kCalibration)
+    return planes.size() + pinhole_views.size() + (return_to_first_plane ? 1 : 0);
   std::size_t count = 1;
   for (const AxisRange& range : ranges) count *= range.values_deg.size();
   return count + 1;

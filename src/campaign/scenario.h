@@ -51,7 +51,8 @@ struct Scenario {
   // calibration
   std::vector<CalibrationPlane> planes;
   int images_per_plane = 1;
-  int polynomial_order = 5;
+  int polynomial_order = 5;            ///< or kOrderByResiduals
+  bool return_to_first_plane = false;  ///< once more at the end: what has drifted?
   std::vector<PinholeView> pinhole_views;
 };
 

@@ -291,6 +291,7 @@ class Reader {
     camera.image_size = {c.at("image_size_px").at(0), c.at("image_size_px").at(1)};
     camera.frame_timeout_s = c.value("frame_timeout_ms", 2000.0) / 1000.0;
     camera.retries = c.value("retries", 2);
+    camera.electrons_per_grey = c.value("electrons_per_grey", 0.0);
     camera.nominal_focal_px = c.at("nominal_focal_px");
     camera.nominal_height_mm = c.at("nominal_height_mm");
     return camera;

@@ -118,6 +118,7 @@ struct CameraConfig {
   ImageSize image_size;
   double frame_timeout_s = 2.0;
   int retries = 2;
+  double electrons_per_grey = 0.0;  ///< shot noise of image points; 0 = not counted
   /// Nominal geometry (drawings): used to predict the field of view and nothing else.
   double nominal_focal_px{};
   double nominal_height_mm{};  ///< camera above the base plane (z of its centre in the plane frame)

@@ -72,6 +72,7 @@ PatternView pattern_view(const PoseView& view, double spacing_mm) {
     out.on_pattern_mm.emplace_back(key[1] * spacing_mm, key[0] * spacing_mm);
   }
   out.at_zero = view.pose->planned.role != PoseRole::kPinholeView;
+  out.z_mm = out.at_zero ? view.pose->stage.position : 0.0;
   return out;
 }
 
@@ -184,12 +185,11 @@ CalibrationResult calibrate(const RunRecord& record, const RunFolder& folder, co
   c.outliers = fit.outliers;
   c.planes = planes;
   if (tilted) {
-    std::array<PinholeModel, 2> models;
-    parallel_for(2, [&](std::size_t i) {
-      models[i] = fit_pinhole(pinhole_views, rig.camera.image_size, i == 1);
+    constexpr std::array kKinds{CentralKind::kPinhole, CentralKind::kBrown};
+    c.central.resize(kKinds.size());
+    parallel_for(kKinds.size(), [&](std::size_t i) {
+      c.central[i] = fit_central(kKinds[i], pinhole_views, rig.camera.image_size);
     });
-    c.pinhole = models[0];
-    c.pinhole_distorted = models[1];
   }
   return result;
 }

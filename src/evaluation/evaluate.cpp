@@ -56,7 +56,9 @@ std::vector<Vector2d> spot_centres(const TakenImage& taken, const Setting& s) {
               "Calibrate again at this size.",
               image.width, image.height, s.calibration.irt.image_size().width,
               s.calibration.irt.image_size().height));
-    for (const Spot& spot : find_spots(image).spots) centres.push_back(spot.centre_px);
+    const SpotSearch search =
+        find_spots(image, {.electrons_per_grey = s.rig.camera.electrons_per_grey});
+    for (const Spot& spot : search.spots) centres.push_back(spot.centre_px);
   } else if (taken.spots) {
     for (const TakenSpot& spot : *taken.spots) centres.emplace_back(spot.u_px, spot.v_px);
   }
@@ -98,19 +100,30 @@ struct Attitude {
   double residual = 0.0;
 };
 
+/// The model through which a pinhole sight looks; nullptr if the camera has none, or for rays.
+const CentralModel* central_of(const Calibration& c, Sight sight) {
+  switch (sight) {
+    case Sight::kRays:
+      return nullptr;
+    case Sight::kPinholeRaw:
+      return c.find_central("pinhole");
+    case Sight::kPinholeUndistorted:
+      return c.undistorting();
+  }
+  return nullptr;
+}
+
 Attitude solve(const Solver& solver, const std::vector<Vector2d>& points_px, const Setting& s) {
   Observation observation;
   std::array<Ray, kMaxTargetPoints> rays;
   std::array<Vector2d, kMaxTargetPoints> normalised;
-  const PinholeModel* pinhole = nullptr;
+  const CentralModel* pinhole = central_of(s.calibration, solver.sight);
   if (solver.sight == Sight::kRays) {
     for (std::size_t i = 0; i < points_px.size(); ++i)
       rays[i] = s.calibration.irt.ray(points_px[i]);
     observation.rays = std::span(rays).first(points_px.size());
     observation.planes = s.calibration.irt.planes();
   } else {
-    pinhole = solver.sight == Sight::kPinholeRaw ? &*s.calibration.pinhole
-                                                 : &*s.calibration.pinhole_distorted;
     for (std::size_t i = 0; i < points_px.size(); ++i)
       normalised[i] = pinhole->normalise(points_px[i]);
     observation.normalised = std::span(normalised).first(points_px.size());
@@ -126,15 +139,7 @@ Attitude solve(const Solver& solver, const std::vector<Vector2d>& points_px, con
 }
 
 bool can_serve(const Calibration& c, const Solver& solver) {
-  switch (solver.sight) {
-    case Sight::kRays:
-      return true;
-    case Sight::kPinholeRaw:
-      return c.pinhole.has_value();
-    case Sight::kPinholeUndistorted:
-      return c.pinhole_distorted.has_value();
-  }
-  return false;
+  return solver.sight == Sight::kRays || central_of(c, solver.sight);
 }
 
 std::vector<const Solver*> chosen_solvers(const Calibration& calibration,

@@ -2,12 +2,13 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "src/core/errors.h"
 #include "src/core/json_document.h"
-#include "src/core/units.h"
 
 namespace turntable {
 namespace {
@@ -16,36 +17,120 @@ using OrderedJson = nlohmann::ordered_json;
 
 constexpr std::array<const char*, 4> kColumns{"C_a_mm", "D_a_mm", "C_b_mm", "D_b_mm"};
 
+/// Of the products of a matrix's rows, for a file written with seven digits.
+constexpr double kRotationTolerance = 1e-6;
+
+constexpr std::array<std::pair<const char*, double ModelRow::*>, 6> kModelNumbers{
+    {{"fit_rms_mm", &ModelRow::fit_rms_mm},
+     {"fit_max_mm", &ModelRow::fit_max_mm},
+     {"held_out_rms_mm", &ModelRow::held_out_rms_mm},
+     {"held_out_max_mm", &ModelRow::held_out_max_mm},
+     {"held_out_rms_px", &ModelRow::held_out_rms_px},
+     {"held_out_max_px", &ModelRow::held_out_max_px}}};
+constexpr std::array<std::pair<const char*, double Calibration::*>, 4> kFitNumbers{
+    {{"loo_rms_mm", &Calibration::loo_rms_mm},
+     {"chi2_per_dof", &Calibration::chi2_per_dof},
+     {"condition", &Calibration::condition},
+     {"max_leverage", &Calibration::max_leverage}}};
+
 OrderedJson pair(const Vector2d& v) { return {v.x(), v.y()}; }
 Vector2d pair(const Json& v) { return {v.at(0).get<double>(), v.at(1).get<double>()}; }
 
-OrderedJson to_json(const PinholeModel& m) {
-  const Vector3d v = vector_from_rotation(m.R_plane_from_camera) * kDegPerRad;
-  return {{"fx_px", m.fx},
+/// JSON has no NaN: what is not known is left out.
+void put(OrderedJson& object, const char* key, double value) {
+  if (std::isfinite(value)) object[key] = value;
+}
+double get(const Json& object, const char* key) {
+  return object.value(key, std::numeric_limits<double>::quiet_NaN());
+}
+
+OrderedJson to_json(const CentralModel& m) {
+  const Matrix3d& R = m.R_plane_from_camera;
+  OrderedJson rows;
+  for (Eigen::Index i = 0; i < 3; ++i) rows.push_back({R(i, 0), R(i, 1), R(i, 2)});
+  return {{"model", central_name(m.kind)},
+          {"fx_px", m.fx},
           {"fy_px", m.fy},
           {"cx_px", m.cx},
           {"cy_px", m.cy},
-          {"distortion_k1_k2_p1_p2_k3", m.distortion},
+          {"distortion", m.distortion},
           {"rms_px", m.rms_px},
           {"views", m.views},
-          {"rotation_plane_from_camera_deg", {v.x(), v.y(), v.z()}}};
+          {"tied_to_plane", m.tied_to_plane},
+          {"R_plane_from_camera", rows},
+          {"centre_mm", {m.centre_mm.x(), m.centre_mm.y(), m.centre_mm.z()}},
+          {"lean", pair(m.lean)}};
 }
 
-PinholeModel pinhole_from(const Json& j) {
-  PinholeModel m;
+/// `place`: its JSON pointer in file `name`.
+CentralModel central_from(const Json& j, ImageSize size, const std::string& name,
+                          const std::string& place) {
+  CentralModel m;
+  for (const CentralKind kind : kCentralKinds)
+    if (j.at("model") == central_name(kind)) m.kind = kind;
+  m.image_size = size;
   m.fx = j.at("fx_px");
   m.fy = j.at("fy_px");
   m.cx = j.at("cx_px");
   m.cy = j.at("cy_px");
-  m.distortion = j.at("distortion_k1_k2_p1_p2_k3").get<std::array<double, 5>>();
+  m.distortion = j.at("distortion").get<std::vector<double>>();
+  if (m.distortion.size() != distortion_terms(m.kind))
+    throw ConfigError(
+        name, place + "/distortion",
+        fmt::format("found {} coefficients, allowed: {} for \"{}\".", m.distortion.size(),
+                    distortion_terms(m.kind), central_name(m.kind)));
   m.rms_px = j.at("rms_px");
   m.views = j.at("views");
-  const auto v = j.at("rotation_plane_from_camera_deg").get<std::array<double, 3>>();
-  m.R_plane_from_camera = rotation_from_vector(Vector3d(v[0], v[1], v[2]) / kDegPerRad);
+  m.tied_to_plane = j.at("tied_to_plane");
+  m.lean = pair(j.at("lean"));
+  for (Eigen::Index i = 0; i < 3; ++i) {
+    const Json& row = j.at("R_plane_from_camera").at(static_cast<std::size_t>(i));
+    m.R_plane_from_camera.row(i) << row.at(0).get<double>(), row.at(1).get<double>(),
+        row.at(2).get<double>();
+    m.centre_mm(i) = j.at("centre_mm").at(static_cast<std::size_t>(i));
+  }
+  const double off =
+      (m.R_plane_from_camera * m.R_plane_from_camera.transpose() - Matrix3d::Identity())
+          .cwiseAbs()
+          .maxCoeff();
+  if (off > kRotationTolerance || m.R_plane_from_camera.determinant() < 0)
+    throw ConfigError(name, place + "/R_plane_from_camera",
+                      fmt::format("found a matrix with R R^T off by {:.1e} and determinant {:.6f}, "
+                                  "allowed: a rotation (off by {:.0e} at most, determinant 1).",
+                                  off, m.R_plane_from_camera.determinant(), kRotationTolerance));
   return m;
 }
 
+OrderedJson to_json(const ModelRow& row) {
+  OrderedJson j{{"model", row.name}, {"parameters", row.parameters}};
+  for (const auto& [key, member] : kModelNumbers) put(j, key, row.*member);
+  if (!row.why_not.empty()) j["why_not"] = row.why_not;
+  return j;
+}
+
+ModelRow model_row_from(const Json& j) {
+  ModelRow row;
+  row.name = j.at("model");
+  row.parameters = j.at("parameters");
+  for (const auto& [key, member] : kModelNumbers) row.*member = get(j, key);
+  row.why_not = j.value("why_not", "");
+  return row;
+}
+
 }  // namespace
+
+const CentralModel* Calibration::find_central(std::string_view name) const {
+  const auto it = std::ranges::find_if(
+      central, [&](const CentralModel& m) { return central_name(m.kind) == name; });
+  return it == central.end() ? nullptr : &*it;
+}
+
+const CentralModel* Calibration::undistorting() const {
+  for (const CentralKind kind :
+       {CentralKind::kBrown, CentralKind::kRational, CentralKind::kFisheye})
+    if (const CentralModel* m = find_central(central_name(kind))) return m;
+  return nullptr;
+}
 
 std::string calibration_to_json(const Calibration& c) {
   OrderedJson irt{{"plane_a_mm", c.irt.planes().a_mm},
@@ -59,6 +144,7 @@ std::string calibration_to_json(const Calibration& c) {
   for (const Vector2d& p : c.irt.domain_hull_px()) irt["domain_px"].push_back(pair(p));
   irt["sigma_mm"] = c.sigma_mm;
   irt["points"] = c.points;
+  for (const auto& [key, member] : kFitNumbers) put(irt, key, c.*member);
   irt["planes"] = OrderedJson::array();
   for (const PlaneResidual& p : c.planes)
     irt["planes"].push_back({{"z_mm", p.z_mm},
@@ -75,8 +161,15 @@ std::string calibration_to_json(const Calibration& c) {
                    {"simulated", c.simulated},
                    {"image_size_px", {c.irt.image_size().width, c.irt.image_size().height}},
                    {"irt", irt}};
-  if (c.pinhole) json["pinhole"] = to_json(*c.pinhole);
-  if (c.pinhole_distorted) json["pinhole_distorted"] = to_json(*c.pinhole_distorted);
+  for (const CentralModel& m : c.central) json["central"].push_back(to_json(m));
+  for (const ModelRow& row : c.models) json["models"].push_back(to_json(row));
+  for (const PlaneVisits& p : c.stage)
+    json["stage"].push_back({{"z_mm", p.z_mm},
+                             {"read_back_mm", p.stage_mm},
+                             {"visits", p.visits},
+                             {"drift_mm", p.drift_mm}});
+  for (const UsedImage& i : c.images)
+    json["images"].push_back({{"file", i.file}, {"sha256", i.sha256}});
   return json.dump(1) + "\n";
 }
 
@@ -151,9 +244,20 @@ Calibration parse_calibration(const std::string& text, const std::string& name) 
     point.pixel_px = pair(p.at("pixel_px"));
     c.outliers.push_back(point);
   }
-  if (json.contains("pinhole")) c.pinhole = pinhole_from(json.at("pinhole"));
-  if (json.contains("pinhole_distorted"))
-    c.pinhole_distorted = pinhole_from(json.at("pinhole_distorted"));
+  for (const auto& [key, member] : kFitNumbers) c.*member = get(irt, key);
+  for (const Json& j : json.value("central", Json::array())) {
+    const std::string place = fmt::format("/central/{}", c.central.size());
+    if (c.find_central(j.at("model").get<std::string>()))
+      throw ConfigError(
+          name, place + "/model",
+          fmt::format("found {} a second time, allowed: each model once.", j.at("model").dump()));
+    c.central.push_back(central_from(j, size, name, place));
+  }
+  for (const Json& j : json.value("models", Json::array())) c.models.push_back(model_row_from(j));
+  for (const Json& j : json.value("stage", Json::array()))
+    c.stage.push_back({j.at("z_mm"), j.at("read_back_mm"), j.at("visits"), j.at("drift_mm")});
+  for (const Json& j : json.value("images", Json::array()))
+    c.images.push_back({j.at("file"), j.at("sha256")});
   return c;
 }
 

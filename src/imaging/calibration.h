@@ -2,12 +2,14 @@
 #pragma once
 
 #include <filesystem>
-#include <optional>
+#include <limits>
 #include <string>
+#include <string_view>
 #include <vector>
 
+#include "src/imaging/central_model.h"
 #include "src/imaging/irt.h"
-#include "src/imaging/pinhole.h"
+#include "src/imaging/order_choice.h"
 
 namespace turntable {
 
@@ -18,18 +20,61 @@ struct PlaneResidual {
   int points = 0;
   double rms_mm = 0.0;  ///< of the residual's length
   double max_mm = 0.0;
+  /// As in `FittedPlane`; NaN for a plane kept out of the fit.
+  double coverage = std::numeric_limits<double>::quiet_NaN();
+  double noise_gain = std::numeric_limits<double>::quiet_NaN();
+};
+
+/// Where the stage stood at one plane, as it read itself back.
+struct PlaneVisits {
+  double z_mm = 0.0;      ///< asked for
+  double stage_mm = 0.0;  ///< mean of what was read back
+  int visits = 0;
+  double drift_mm = 0.0;  ///< read back at the last visit minus the first
+};
+
+/// One camera model judged beside the others (`compare_models`). NaN where it has no value.
+struct ModelRow {
+  std::string name;
+  int parameters = 0;  ///< of the map from pixel to ray
+  double fit_rms_mm = std::numeric_limits<double>::quiet_NaN();
+  double fit_max_mm = std::numeric_limits<double>::quiet_NaN();
+  double held_out_rms_mm = std::numeric_limits<double>::quiet_NaN();
+  double held_out_max_mm = std::numeric_limits<double>::quiet_NaN();
+  double held_out_rms_px = std::numeric_limits<double>::quiet_NaN();
+  double held_out_max_px = std::numeric_limits<double>::quiet_NaN();
+  std::string why_not;  ///< empty if it was fitted
+};
+
+/// An image that the calibration was made from.
+struct UsedImage {
+  std::string file;    ///< relative to the run folder
+  std::string sha256;  ///< 64 lower-case hexadecimal digits
 };
 
 struct Calibration {
   std::string source;  ///< run or publication it comes from
   bool simulated = false;
-  IrtModel irt;
+  IrtModel irt;           ///< with its covariance, if known
   double sigma_mm = 0.0;  ///< of one coordinate of one circle
   int points = 0;
+  /// Statistics of the fit (`IrtFit`); NaN = not known.
+  double loo_rms_mm = std::numeric_limits<double>::quiet_NaN();
+  double chi2_per_dof = std::numeric_limits<double>::quiet_NaN();
+  double condition = std::numeric_limits<double>::quiet_NaN();
+  double max_leverage = std::numeric_limits<double>::quiet_NaN();
   std::vector<PlanePoint> outliers;
   std::vector<PlaneResidual> planes;
-  std::optional<PinholeModel> pinhole;            ///< without distortion
-  std::optional<PinholeModel> pinhole_distorted;  ///< with distortion
+  std::vector<PlaneVisits> stage;
+  std::vector<OrderRow> orders;
+  std::vector<ModelRow> models;
+  std::vector<UsedImage> images;
+  std::vector<CentralModel> central;
+
+  /// The central model of that kind ("pinhole", "brown", "rational", "fisheye"), or nullptr.
+  const CentralModel* find_central(std::string_view name) const;
+  /// The one that takes distortion out: "brown", else "rational", else "fisheye", or nullptr.
+  const CentralModel* undistorting() const;
 };
 
 /// As JSON text, ready to be written.

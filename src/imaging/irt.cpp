@@ -3,10 +3,9 @@
 #include <fmt/format.h>
 
 #include <Eigen/LU>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
-#include <map>
+#include <functional>
 
 #include "src/core/errors.h"
 
@@ -14,10 +13,7 @@ namespace turntable {
 namespace {
 
 constexpr int kMaxOrder = 12;
-constexpr double kOutlierSigmas = 6.0;
-/// A circle this near is neither a wrong match nor smeared; where noise is lower still, the model's
-/// own error shows.
-constexpr double kNeverOutlierPx = 0.1;
+constexpr int kMaxTerms = (kMaxOrder + 1) * (kMaxOrder + 2) / 2;
 
 /// P_0..P_order at t.
 void legendre(double t, int order, double* out) {
@@ -39,6 +35,18 @@ Eigen::MatrixXd legendre_in_powers(int order) {
     for (int p = 0; p <= k + 1; ++p)
       L(k + 1, p) = ((p > 0 ? (2 * k + 1) * L(k, p - 1) : 0.0) - k * L(k - 1, p)) / (k + 1);
   return L;
+}
+
+/// Row n: coefficients of t^n in P_k, by  (2k+1) t P_k = (k+1) P_k+1 + k P_k-1.
+Eigen::MatrixXd powers_in_legendre(int order) {
+  Eigen::MatrixXd T = Eigen::MatrixXd::Zero(order + 1, order + 1);
+  T(0, 0) = 1.0;
+  for (int n = 0; n < order; ++n)
+    for (int k = 0; k <= n; ++k) {
+      T(n + 1, k + 1) += T(n, k) * (k + 1) / (2 * k + 1);
+      if (k > 0) T(n + 1, k - 1) += T(n, k) * k / (2 * k + 1);
+    }
+  return T;
 }
 
 /// Row n: coefficients of (offset + scale x)^n in powers of x.
@@ -68,63 +76,22 @@ Eigen::MatrixX4d change_basis(const Eigen::MatrixX4d& c, int order, const Eigen:
   return out;
 }
 
-Eigen::VectorXd basis(const Vector2d& pixel, ImageSize size, int order) {
-  double pu[kMaxOrder + 1], pv[kMaxOrder + 1];
-  legendre(normalised(pixel.x(), size.width), order, pu);
-  legendre(normalised(pixel.y(), size.height), order, pv);
-  Eigen::VectorXd row((order + 1) * (order + 2) / 2);
-  Eigen::Index i = 0;
-  for (int r = 0; r <= order; ++r)
-    for (int s = 0; r + s <= order; ++s) row(i++) = pu[r] * pv[s];
-  return row;
+/// Pixels of a grid over the whole image, row by row.
+std::vector<Vector2d> image_grid(ImageSize size, int steps) {
+  std::vector<Vector2d> out;
+  const double last = std::max(1, steps - 1);
+  for (int j = 0; j < steps; ++j)
+    for (int i = 0; i < steps; ++i)
+      out.emplace_back(i * (size.width - 1.0) / last, j * (size.height - 1.0) / last);
+  return out;
 }
 
-/// Convex hull, counter-clockwise (monotone chain).
-std::vector<Vector2d> convex_hull(std::vector<Vector2d> p) {
-  std::ranges::sort(p, [](const Vector2d& a, const Vector2d& b) {
-    return a.x() < b.x() || (a.x() == b.x() && a.y() < b.y());
-  });
-  const auto cross = [](const Vector2d& o, const Vector2d& a, const Vector2d& b) {
-    return (a.x() - o.x()) * (b.y() - o.y()) - (a.y() - o.y()) * (b.x() - o.x());
-  };
-  std::vector<Vector2d> hull;
-  for (int pass = 0; pass < 2; ++pass) {
-    const std::size_t start = hull.size();
-    for (const Vector2d& q : p) {
-      while (hull.size() >= start + 2 && cross(hull[hull.size() - 2], hull.back(), q) <= 0)
-        hull.pop_back();
-      hull.push_back(q);
-    }
-    hull.pop_back();
-    std::ranges::reverse(p);
-  }
-  return hull;
-}
-
-/// The part of a convex polygon inside another one, both counter-clockwise (Sutherland & Hodgman 1974).
-std::vector<Vector2d> intersection(std::vector<Vector2d> polygon,
-                                   const std::vector<Vector2d>& clip) {
-  for (std::size_t i = 0; i < clip.size(); ++i) {
-    const Vector2d edge = clip[(i + 1) % clip.size()] - clip[i];
-    const auto inside = [&](const Vector2d& p) {
-      return edge.x() * (p - clip[i]).y() - edge.y() * (p - clip[i]).x();
-    };
-    std::vector<Vector2d> kept;
-    for (std::size_t k = 0; k < polygon.size(); ++k) {
-      const Vector2d &here = polygon[k], &next = polygon[(k + 1) % polygon.size()];
-      const double a = inside(here), b = inside(next);
-      if (a >= 0) kept.push_back(here);
-      if ((a > 0 && b < 0) || (a < 0 && b > 0))
-        kept.push_back(here + (next - here) * (a / (a - b)));
-    }
-    polygon = std::move(kept);
-  }
-  return polygon;
-}
-
-double median(std::vector<double> v) {
-  std::ranges::nth_element(v, v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2));
-  return v[v.size() / 2];
+std::vector<MapPoint> map_of(const IrtModel& model, int steps,
+                             const std::function<double(const Vector2d&)>& value) {
+  std::vector<MapPoint> out;
+  for (const Vector2d& p : image_grid(model.image_size(), steps))
+    out.push_back({p, value(p), model.in_domain(p)});
+  return out;
 }
 
 }  // namespace
@@ -144,15 +111,75 @@ std::vector<std::pair<int, int>> IrtModel::terms(int order) {
   return out;
 }
 
-Ray IrtModel::ray(const Vector2d& pixel_px) const {
+void IrtModel::basis(const Vector2d& pixel_px, ImageSize size, int order, double* out) {
   double pu[kMaxOrder + 1], pv[kMaxOrder + 1];
-  legendre(normalised(pixel_px.x(), size_.width), order_, pu);
-  legendre(normalised(pixel_px.y(), size_.height), order_, pv);
-  Eigen::RowVector4d sum = Eigen::RowVector4d::Zero();
-  Eigen::Index i = 0;
-  for (int r = 0; r <= order_; ++r)
-    for (int s = 0; r + s <= order_; ++s) sum += pu[r] * pv[s] * coefficients_.row(i++);
-  return {{sum(0), sum(1)}, {sum(2), sum(3)}};
+  legendre(normalised(pixel_px.x(), size.width), order, pu);
+  legendre(normalised(pixel_px.y(), size.height), order, pv);
+  for (int r = 0; r <= order; ++r)
+    for (int s = 0; r + s <= order; ++s) *out++ = pu[r] * pv[s];
+}
+
+Ray IrtModel::ray(const Vector2d& pixel_px) const {
+  double phi[kMaxTerms];
+  basis(pixel_px, size_, order_, phi);
+  const Eigen::Index n = coefficients_.rows();
+  const double* c = coefficients_.data();
+  Ray out;
+  for (Eigen::Index i = 0; i < n; ++i) {
+    out.at_a.x() += phi[i] * c[i];
+    out.at_a.y() += phi[i] * c[i + n];
+    out.at_b.x() += phi[i] * c[i + 2 * n];
+    out.at_b.y() += phi[i] * c[i + 3 * n];
+  }
+  return out;
+}
+
+void IrtModel::set_covariance(Eigen::MatrixXd covariance) {
+  const Eigen::Index size = 2 * coefficients_.rows();
+  if (covariance.size() != 0 && (covariance.rows() != size || covariance.cols() != size))
+    throw Error(
+        fmt::format("covariance of a ray model of order {}: found {} x {}, needed: {} x {}.",
+                    order_, covariance.rows(), covariance.cols(), size, size));
+  covariance_ = std::move(covariance);
+}
+
+Eigen::Matrix2d IrtModel::ray_covariance(const Vector2d& pixel_px) const {
+  if (covariance_.size() == 0) return Eigen::Matrix2d::Constant(NAN);
+  double phi[kMaxTerms];
+  basis(pixel_px, size_, order_, phi);
+  const Eigen::Index n = coefficients_.rows();
+  double sum[2][2] = {};  // the lower triangle, and its columns run in memory
+  for (int p = 0; p < 2; ++p)
+    for (int q = p; q < 2; ++q)
+      for (Eigen::Index j = 0; j < n; ++j) {
+        const double* column = &covariance_(q * n, p * n + j);
+        double dot = 0.0;
+        for (Eigen::Index i = 0; i < n; ++i) dot += phi[i] * column[i];
+        sum[q][p] += phi[j] * dot;
+      }
+  Eigen::Matrix2d out;
+  out << sum[0][0], sum[1][0], sum[1][0], sum[1][1];
+  return out;
+}
+
+double IrtModel::sigma_mm(const Vector2d& pixel_px, double z_mm) const {
+  const Eigen::Matrix2d C = ray_covariance(pixel_px);
+  const double lambda = (z_mm - planes_.a_mm) / (planes_.b_mm - planes_.a_mm), mu = 1.0 - lambda;
+  // max lets NaN through.
+  return std::sqrt(
+      std::max(mu * mu * C(0, 0) + 2.0 * mu * lambda * C(0, 1) + lambda * lambda * C(1, 1), 0.0));
+}
+
+double IrtModel::determinant(const Vector2d& pixel_px, double z_mm) const {
+  const auto at = [&](double du, double dv) {
+    return ray(pixel_px + Vector2d(du, dv)).at(z_mm, planes_);
+  };
+  const Vector2d du = at(0.5, 0) - at(-0.5, 0), dv = at(0, 0.5) - at(0, -0.5);
+  return du.x() * dv.y() - du.y() * dv.x();
+}
+
+double IrtModel::mm_per_px(const Vector2d& pixel_px, double z_mm) const {
+  return std::sqrt(std::abs(determinant(pixel_px, z_mm)));
 }
 
 bool IrtModel::in_domain(const Vector2d& pixel_px) const {
@@ -177,11 +204,9 @@ Eigen::MatrixX4d IrtModel::monomials(VDirection v) const {
 IrtModel IrtModel::from_monomials(ImageSize size, RayPlanes planes, int order,
                                   const Eigen::MatrixX4d& monomials, VDirection v,
                                   std::vector<Vector2d> domain_hull_px) {
-  // u = (w - 1) (1 + t) / 2; the powers of t then go to Legendre polynomials by a triangular
-  // system.
+  // u = (w - 1) (1 + t) / 2
   const double hu = 0.5 * (size.width - 1), hv = 0.5 * (size.height - 1);
-  const Eigen::MatrixXd P = legendre_in_powers(order).triangularView<Eigen::Lower>().solve(
-      Eigen::MatrixXd::Identity(order + 1, order + 1));
+  const Eigen::MatrixXd P = powers_in_legendre(order);
   const Eigen::MatrixXd U = binomials(order, hu, hu) * P;
   const Eigen::MatrixXd V =
       (v == VDirection::kDown ? binomials(order, hv, hv) : binomials(order, hv, -hv)) * P;
@@ -190,30 +215,19 @@ IrtModel IrtModel::from_monomials(ImageSize size, RayPlanes planes, int order,
 }
 
 std::vector<Vector2d> IrtModel::grid() const {
-  std::vector<Vector2d> out;
-  constexpr int kSteps = 21;
-  for (int i = 0; i < kSteps; ++i)
-    for (int j = 0; j < kSteps; ++j) {
-      const Vector2d pixel(i * (size_.width - 1.0) / (kSteps - 1),
-                           j * (size_.height - 1.0) / (kSteps - 1));
-      if (in_domain(pixel)) out.push_back(pixel);
-    }
+  std::vector<Vector2d> out = image_grid(size_, 21);
+  std::erase_if(out, [&](const Vector2d& p) { return !in_domain(p); });
   return out;
 }
 
 std::pair<double, double> IrtModel::jacobian_range() const {
   double low = INFINITY, high = -INFINITY;
-  for (const Vector2d& p : grid()) {
-    const Ray u0 = ray(p - Vector2d(0.5, 0)), u1 = ray(p + Vector2d(0.5, 0));
-    const Ray v0 = ray(p - Vector2d(0, 0.5)), v1 = ray(p + Vector2d(0, 0.5));
-    for (const auto& [du, dv] :
-         {std::pair<Vector2d, Vector2d>(u1.at_a - u0.at_a, v1.at_a - v0.at_a),
-          std::pair<Vector2d, Vector2d>(u1.at_b - u0.at_b, v1.at_b - v0.at_b)}) {
-      const double det = du.x() * dv.y() - du.y() * dv.x();
+  for (const Vector2d& p : grid())
+    for (const double z : {planes_.a_mm, planes_.b_mm}) {
+      const double det = determinant(p, z);
       low = std::min(low, det);
       high = std::max(high, det);
     }
-  }
   return {low, high};
 }
 
@@ -235,6 +249,17 @@ std::pair<Vector3d, double> IrtModel::bundle_centre() const {
   double sum = 0.0;
   for (const Vector2d& p : pixels) sum += std::pow(distance_mm(centre, ray(p), planes_), 2);
   return {centre, std::sqrt(sum / static_cast<double>(std::max<std::size_t>(1, pixels.size())))};
+}
+
+std::vector<MapPoint> sigma_map(const IrtModel& model, double z_mm, int steps) {
+  return map_of(model, steps, [&](const Vector2d& p) { return model.sigma_mm(p, z_mm); });
+}
+
+std::vector<MapPoint> bundle_map(const IrtModel& model, int steps) {
+  const Vector3d centre = model.bundle_centre().first;
+  return map_of(model, steps, [&](const Vector2d& p) {
+    return distance_mm(centre, model.ray(p), model.planes());
+  });
 }
 
 void check_handedness(const IrtModel& model, const std::string& name) {
@@ -260,87 +285,6 @@ void check_handedness(const IrtModel& model, const std::string& name) {
 
 Vector2d residual_mm(const IrtModel& model, const PlanePoint& point) {
   return model.ray(point.pixel_px).at(point.z_mm, model.planes()) - point.on_plane_mm;
-}
-
-IrtFit fit_irt(std::span<const PlanePoint> points, RayPlanes planes, int order, ImageSize size) {
-  if (order < 1 || order > 9)
-    throw Error(fmt::format("polynomial order: found {}, allowed: 1 to 9.", order));
-  if (!(planes.a_mm < planes.b_mm))
-    throw Error(
-        fmt::format("planes at {} mm and {} mm: two different heights are needed, the lower first.",
-                    planes.a_mm, planes.b_mm));
-  const Eigen::Index terms = (order + 1) * (order + 2) / 2;
-  std::vector<bool> use(points.size(), true);
-
-  IrtFit fit;
-  for (;;) {
-    const auto used = std::ranges::count(use, true);
-    if (static_cast<double>(used) < 3.0 * static_cast<double>(terms)) {
-      int carried = 0;
-      while (3 * (carried + 2) * (carried + 3) / 2 <= used) ++carried;
-      throw Error(fmt::format(
-          "order {} needs at least {} points on the two planes, found {}; they carry order {} "
-          "at most. Show more of the pattern or lower the order.",
-          order, 3 * terms, used, carried));
-    }
-    Eigen::MatrixXd A(used, 2 * terms);
-    Eigen::MatrixX2d rhs(used, 2);
-    Eigen::Index row = 0;
-    for (std::size_t i = 0; i < points.size(); ++i) {
-      if (!use[i]) continue;
-      const double lambda = (points[i].z_mm - planes.a_mm) / (planes.b_mm - planes.a_mm);
-      const Eigen::VectorXd phi = basis(points[i].pixel_px, size, order);
-      A.row(row) << (1.0 - lambda) * phi.transpose(), lambda * phi.transpose();
-      rhs.row(row++) = points[i].on_plane_mm.transpose();
-    }
-    const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(A);
-    if (qr.rank() < 2 * terms)
-      throw Error(fmt::format(
-          "the points do not determine a model of order {} (rank {} of {}): they cover too "
-          "narrow a strip, or one plane only. Lower the order or show more of the pattern.",
-          order, qr.rank(), 2 * terms));
-    const Eigen::MatrixX2d solution = qr.solve(rhs);
-    Eigen::MatrixX4d c(terms, 4);
-    c << solution.topRows(terms), solution.bottomRows(terms);
-    std::map<double, std::vector<Vector2d>> pixels;  // by height
-    for (std::size_t i = 0; i < points.size(); ++i)
-      if (use[i]) pixels[points[i].z_mm].push_back(points[i].pixel_px);
-    std::vector<Vector2d> domain = convex_hull(pixels.begin()->second);
-    for (const auto& [z, on_plane] : pixels) domain = intersection(domain, convex_hull(on_plane));
-    fit.model = IrtModel(size, planes, order, c, domain);
-    fit.points = static_cast<int>(used);
-    fit.sigma_mm =
-        (A * solution - rhs).norm() /
-        std::sqrt(2.0 * static_cast<double>(std::max<Eigen::Index>(1, used - 2 * terms)));
-
-    std::vector<double> misses;
-    for (std::size_t i = 0; i < points.size(); ++i)
-      if (use[i]) misses.push_back(residual_mm(fit.model, points[i]).norm());
-    // The median length of a two-dimensional normal error is 1.1774 standard deviations.
-    const Vector2d middle(0.5 * size.width, 0.5 * size.height);
-    const double mm_per_px =
-        (fit.model.ray(middle + Vector2d(1, 0)).at_a - fit.model.ray(middle).at_a).norm();
-    const double limit =
-        std::max(kOutlierSigmas * median(misses) / 1.1774, kNeverOutlierPx * mm_per_px);
-    // One at a time: an outlier pulls the fit away from its neighbours, which are innocent.
-    std::size_t worst = points.size();
-    double worst_miss = limit;
-    for (std::size_t i = 0; i < points.size(); ++i) {
-      const double miss = use[i] ? residual_mm(fit.model, points[i]).norm() : 0.0;
-      if (miss > worst_miss) {
-        worst = i;
-        worst_miss = miss;
-      }
-    }
-    if (worst == points.size()) return fit;
-    use[worst] = false;
-    fit.outliers.push_back(points[worst]);
-    if (fit.outliers.size() * 10 > points.size())
-      throw Error(fmt::format(
-          "{} of {} points do not fit a model of order {}: not an outlier problem. Look at the "
-          "images and at the plane positions.",
-          fit.outliers.size(), points.size(), order));
-  }
 }
 
 }  // namespace turntable

@@ -48,13 +48,16 @@ struct PlannedPose {
   GimbalAngles angles() const;       ///< rad
 };
 
+/// Polynomial order that is left to the residuals ("auto" in scenario files).
+constexpr int kOrderByResiduals = 0;
+
 struct ScenarioInfo {
   std::string name;
   std::string title;
   std::string file;  ///< as named in messages
   ScenarioKind kind = ScenarioKind::kAttitude;
   std::optional<int> table;  ///< published table this scenario repeats: 3, 4 or 5
-  int polynomial_order = 5;  ///< calibration only
+  int polynomial_order = 5;  ///< calibration only; or kOrderByResiduals
   int repeats = 1;
   /// Attitude: axes with a range, outermost first (entry i is /ranges/i).
   std::vector<AxisId> axes;

@@ -85,11 +85,25 @@ std::string calibration_text(const Calibration& c) {
       "The rays pass nearest to ({:.2f}, {:.2f}, {:.2f}) mm, {:.3f} mm rms apart: that is how "
       "central the lens is.\n\n",
       centre.x(), centre.y(), centre.z(), spread);
-  if (c.pinhole && c.pinhole_distorted)
-    md += fmt::format(
-        "Pinhole baselines ({} views): without distortion {:.3f} px rms, with distortion {:.4f} px "
-        "rms.\n\n",
-        c.pinhole->views, c.pinhole->rms_px, c.pinhole_distorted->rms_px);
+  for (const CentralModel& m : c.central)
+    md += fmt::format("Central model `{}`: {:.4f} px rms over {} views.\n", central_name(m.kind),
+                      m.rms_px, m.views);
+  if (!c.central.empty()) md += "\n";
+  if (!c.models.empty()) {
+    md +=
+        "| camera model | parameters | fitted: rms / mm | max / mm | held out: rms / mm | max / mm "
+        "| rms / px | max / px |\n|---|--:|--:|--:|--:|--:|--:|--:|\n";
+    for (const ModelRow& row : c.models) {
+      md += fmt::format("| {} | {} |", row.name, row.parameters);
+      for (const double value : {row.fit_rms_mm, row.fit_max_mm, row.held_out_rms_mm,
+                                 row.held_out_max_mm, row.held_out_rms_px, row.held_out_max_px})
+        md += std::isfinite(value) ? fmt::format(" {:.4f} |", value) : " - |";
+      md += "\n";
+    }
+    md += "\n";
+    for (const ModelRow& row : c.models)
+      if (!row.why_not.empty()) md += fmt::format("No `{}`: {}\n", row.name, row.why_not);
+  }
   for (const PlanePoint& p : c.outliers)
     md += fmt::format("Outlier: circle ({}, {}) on the plane at {:.3f} mm.\n", p.column, p.row,
                       p.z_mm);

@@ -7,6 +7,7 @@
 #include <map>
 #include <optional>
 
+#include "src/imaging/monomial_table.h"
 #include "src/record/atomic_file.h"
 #include "src/record/csv.h"
 #include "src/report/published.h"
@@ -96,34 +97,18 @@ WrittenTable write(const RunFolder& folder, const std::string& name, const std::
 WrittenTable write_table1(const RunFolder& folder, const Calibration& calibration) {
   // v counted upward, as in the published table; see the frames in scenarios/rigs/README.md.
   const PublishedCoefficients& published = published_coefficients();
-  const Eigen::MatrixX4d ours = calibration.irt.monomials(VDirection::kUp);
-  Csv csv({"source", "r", "s", "C_a_mm", "D_a_mm", "C_b_mm", "D_b_mm"});
-  std::string md =
-      "| source | coefficient of u^r v^s | C a / mm | D a / mm | C b / mm | D b / mm "
-      "|\n|---|---|--:|--:|--:|--:|\n";
-  const auto add = [&](const std::string& source, int order, const Eigen::MatrixX4d& m) {
-    const auto terms = IrtModel::terms(order);
-    for (Eigen::Index i = 0; i < m.rows(); ++i) {
-      const auto [r, s] = terms[static_cast<std::size_t>(i)];
-      csv.text(source).integer(r).integer(s);
-      md += fmt::format("| {} | {}{} |", source, r, s);
-      for (Eigen::Index k = 0; k < 4; ++k) {
-        csv.text(fmt::format("{:.9e}", m(i, k)));
-        md += fmt::format(" {:.2e} |", m(i, k));
-      }
-      csv.end_row();
-      md += "\n";
-    }
-  };
-  add("ours", calibration.irt.order(), ours);
-  add("published", published.order, published.monomials);
+  const std::vector<MonomialTable> tables{
+      {"ours", calibration.irt.order(), calibration.irt.monomials(VDirection::kUp)},
+      {"published", published.order, published.monomials}};
+  const std::string md = monomials_to_markdown(tables);
   const std::string title = fmt::format(
       "Table 1: coefficients of the two planes (ours: order {}, planes at {:.3f} mm and {:.3f} mm; "
       "published: {:.0f} mm "
       "and {:.0f} mm; raw pixels, v counted upward)",
       calibration.irt.order(), calibration.irt.planes().a_mm, calibration.irt.planes().b_mm,
       published.plane_a_mm, published.plane_b_mm);
-  csv.write(folder.tables() / "table1.csv");
+  write_atomically(folder.tables() / "table1.csv", monomials_to_csv(tables));
+  write_atomically(folder.tables() / "table1.tex", monomials_to_latex(tables));
   write_atomically(folder.tables() / "table1.md", fmt::format("# {}\n\n{}", title, md));
   return {"table1", title, md};
 }

@@ -1,82 +1,174 @@
 #include "src/vision/centroid.h"
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
+#include <vector>
 
 namespace turntable {
 namespace {
 
-/// Median and noise from a histogram of grey values.
+constexpr double kRoundingVariance = 1.0 / 12.0;
+constexpr int kMaxSteps = 20;
+constexpr double kEnoughPx = 1e-3;  // Newton's next step would be about its square
+
 struct Ground {
-  double median = 0.0;
-  double noise = 0.0;
+  double grey = 0.0;
+  double variance = 0.0;  ///< rounding to whole greys included
 };
 
-Ground ground_of(const std::array<int, 256>& histogram, int count) {
-  const auto quantile = [&](double share) {
-    // Interpolated inside the grey level, as if its values were spread evenly over it.
-    const double wanted = share * count;
-    double below = 0.0;
-    for (std::size_t g = 0; g < 256; ++g) {
-      if (below + histogram[g] >= wanted && histogram[g] > 0)
-        return static_cast<double>(g) - 0.5 + (wanted - below) / histogram[g];
-      below += histogram[g];
-    }
-    return 255.0;
-  };
-  // The quartiles of a normal distribution lie 1.349 standard deviations apart.
-  return {quantile(0.5),
-          std::max((quantile(0.75) - quantile(0.25)) / 1.349, 1.0 / std::sqrt(12.0))};
+PixelBox widened(const PixelBox& box, int margin) {
+  return {box.left - margin, box.top - margin, box.right + margin, box.bottom + margin};
 }
 
-}  // namespace
+bool inside(const PixelBox& box, ImageView image) {
+  return box.left >= 0 && box.top >= 0 && box.right < image.width && box.bottom < image.height;
+}
 
-bool contrast_centroid(ImageView image, const Component& component, bool bright, int margin_px,
-                       Centroid& out) {
-  const PixelBox box{component.box.left - margin_px, component.box.top - margin_px,
-                     component.box.right + margin_px, component.box.bottom + margin_px};
-  if (box.left < 0 || box.top < 0 || box.right >= image.width || box.bottom >= image.height)
-    return false;
-
-  std::array<int, 256> rim{};
-  int rim_count = 0;
+/// Mean and variance of the rim of a box, without what lies far from its median: a neighbour's light.
+Ground ground_of_rim(ImageView image, const PixelBox& box) {
+  std::array<int, 256> histogram{};
+  int count = 0;
   for (int v = box.top; v <= box.bottom; ++v) {
     const std::uint8_t* row = image.row(v);
     const bool whole_row = v == box.top || v == box.bottom;
     for (int u = box.left; u <= box.right; u += whole_row ? 1 : std::max(1, box.right - box.left)) {
-      ++rim[row[u]];
-      ++rim_count;
+      ++histogram[row[u]];
+      ++count;
     }
   }
-  const Ground ground = ground_of(rim, rim_count);
-  const double floor = 2.0 * ground.noise;
+  const auto quantile = [&](double share) {
+    int below = 0;
+    for (std::size_t g = 0; g < 256; ++g)
+      if ((below += histogram[g]) >= share * count) return static_cast<int>(g);
+    return 255;
+  };
+  // The quartiles of a normal distribution lie 1.349 standard deviations apart; rounding moves each
+  // by up to half a grey.
+  const double reach = 3.5 * (quantile(0.75) - quantile(0.25) + 1) / 1.349;
+  const int median = quantile(0.5);
+  double n = 0.0, sum = 0.0, sum_squares = 0.0;
+  for (int g = 0; g < 256; ++g) {
+    const double k = histogram[static_cast<std::size_t>(g)], off = g - median;
+    if (std::abs(off) > reach) continue;
+    n += k;
+    sum += k * off;
+    sum_squares += k * off * off;
+  }
+  const double mean = sum / n;
+  return {median + mean,
+          std::max((sum_squares - n * mean * mean) / std::max(1.0, n - 1.0), kRoundingVariance)};
+}
+
+}  // namespace
+
+std::optional<Centroid> windowed_centroid(ImageView image, const Component& component, bool bright,
+                                          double electrons_per_grey) {
+  const PixelBox box = widened(component.box, kCentroidMarginPx);
+  if (!inside(box, image)) return std::nullopt;
+  const Ground ground = ground_of_rim(image, box);
+  const double sign = bright ? 1.0 : -1.0;
+  const double shot = electrons_per_grey > 0.0 ? sign / electrons_per_grey : 0.0;
+  const double a2 = component.area_px / (2.0 * std::numbers::pi);
+
+  // Within the box, from its left top corner; the Gaussian is a product of one along each axis.
+  const int width = box.width(), height = box.height();
+  std::vector<double> window(static_cast<std::size_t>(width));
+  Eigen::Vector2d c(0.5 * (width - 1), 0.5 * (height - 1));
+  const auto window_at = [&](double d) { return std::exp(-d * d / (2.0 * a2)); };
+  const auto look = [&](auto&& at_pixel) {  // at_pixel(weight, du, dv, contrast)
+    for (int i = 0; i < width; ++i) window[static_cast<std::size_t>(i)] = window_at(i - c.x());
+    for (int j = 0; j < height; ++j) {
+      const std::uint8_t* row = image.row(box.top + j) + box.left;
+      const double dv = j - c.y(), down = window_at(dv);
+      for (int i = 0; i < width; ++i)
+        at_pixel(down * window[static_cast<std::size_t>(i)], i - c.x(), dv,
+                 sign * (row[i] - ground.grey));
+    }
+  };
+
+  Eigen::Matrix2d J;
+  bool converged = false;
+  for (int k = 0; k < kMaxSteps && !converged; ++k) {
+    double s = 0, su = 0, sv = 0, suu = 0, suv = 0, svv = 0;
+    look([&](double w, double du, double dv, double g) {
+      const double wg = w * g;
+      s += wg;
+      su += wg * du;
+      sv += wg * dv;
+      suu += wg * du * du;
+      suv += wg * du * dv;
+      svv += wg * dv * dv;
+    });
+    J << s - suu / a2, -suv / a2, -suv / a2, s - svv / a2;
+    // Not a peak: Newton would go away from it.
+    if (!(J.determinant() > 0.0) || !(J.trace() > 0.0)) return std::nullopt;
+    const Eigen::Vector2d step = J.inverse() * Eigen::Vector2d(su, sv);
+    converged = step.norm() < kEnoughPx;
+    c += step / std::max(1.0, step.norm());
+    if (!(c.x() >= kCentroidMarginPx - 0.5 && c.x() <= width - kCentroidMarginPx - 0.5 &&
+          c.y() >= kCentroidMarginPx - 0.5 && c.y() <= height - kCentroidMarginPx - 0.5))
+      return std::nullopt;
+  }
+  if (!converged) return std::nullopt;
+
+  double weights = 0, light = 0, light_variance = 0, vuu = 0, vuv = 0, vvv = 0;
+  look([&](double w, double du, double dv, double g) {
+    const double variance = w * w * std::max(ground.variance + shot * g, kRoundingVariance);
+    weights += w;
+    light += w * g;
+    light_variance += variance;
+    vuu += variance * du * du;
+    vuv += variance * du * dv;
+    vvv += variance * dv * dv;
+  });
+  Eigen::Matrix2d V;
+  V << vuu, vuv, vuv, vvv;
+  const Eigen::Matrix2d inverse = J.inverse();
+  Centroid out;
+  out.centre_px = c + Eigen::Vector2d(box.left, box.top);
+  const bool clipped = component.extreme == (bright ? 255 : 0);
+  out.sigma_px =
+      std::hypot(std::sqrt(0.5 * (inverse * V * inverse).trace()), clipped ? kClippedSigmaPx : 0.0);
+  out.noise_grey = std::sqrt(ground.variance);
+  out.contrast_grey = light / weights;
+  out.snr = light / std::sqrt(light_variance);
+  return out;
+}
+
+bool contrast_centroid(ImageView image, const Component& component, bool bright, int margin_px,
+                       Centroid& out) {
+  const PixelBox box = widened(component.box, margin_px);
+  if (!inside(box, image)) return false;
+  const Ground ground = ground_of_rim(image, box);
+  const double noise = std::sqrt(ground.variance), floor = 2.0 * noise;
   const double sign = bright ? 1.0 : -1.0;
 
-  double sum = 0.0, sum_u = 0.0, sum_v = 0.0, peak = 0.0;
-  double count = 0.0, count_uu = 0.0;
+  double sum = 0.0, sum_u = 0.0, sum_v = 0.0, count = 0.0, count_uu = 0.0;
   const double mid_u = 0.5 * (box.left + box.right), mid_v = 0.5 * (box.top + box.bottom);
   for (int v = box.top; v <= box.bottom; ++v) {
     const std::uint8_t* row = image.row(v);
     for (int u = box.left; u <= box.right; ++u) {
-      const double w = sign * (row[u] - ground.median);
+      const double w = sign * (row[u] - ground.grey);
       if (w < floor) continue;
       const double du = u - mid_u, dv = v - mid_v;
       sum += w;
       sum_u += w * du;
       sum_v += w * dv;
-      peak = std::max(peak, w);
       count += 1.0;
       count_uu += du * du + dv * dv;
     }
   }
-  if (!(sum > 0.0) || !(peak > 0.0)) return false;
+  if (!(sum > 0.0)) return false;
   const double cu = sum_u / sum, cv = sum_v / sum;
   const double spread = count_uu - count * (cu * cu + cv * cv);
   out.centre_px = {mid_u + cu, mid_v + cv};
-  out.sigma_px = ground.noise * std::sqrt(std::max(0.0, 0.5 * spread)) / sum;
-  out.contrast_grey = peak;
-  out.mass_px = sum / peak;
+  out.sigma_px = noise * std::sqrt(std::max(0.0, 0.5 * spread)) / sum;
+  out.noise_grey = noise;
+  out.contrast_grey = sum / count;
+  out.snr = sum / (noise * std::sqrt(count));
   return true;
 }
 

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 
 namespace turntable {
 namespace {
@@ -62,29 +61,70 @@ class Forest {
   std::vector<Node> nodes_;
 };
 
-/// Whether any of 64 neighbouring pixels is foreground; the compiler makes vector code of it.
-bool any_foreground(const std::uint8_t* p, std::uint8_t limit, bool bright) {
+constexpr int kTileWidth = 64, kTileHeight = 8;
+
+int tiles_across(int width) { return (width + kTileWidth - 1) / kTileWidth; }
+
+/// Extreme of a part of a row; at full tile width a loop of known length, of which the compiler
+/// makes vector code.
+std::uint8_t extreme_of(const std::uint8_t* p, int count, bool bright) {
   std::uint8_t extreme = p[0];
-  if (bright)
-    for (int i = 1; i < 64; ++i) extreme = std::max(extreme, p[i]);
-  else
-    for (int i = 1; i < 64; ++i) extreme = std::min(extreme, p[i]);
-  return bright ? extreme >= limit : extreme <= limit;
+  if (count == kTileWidth) {
+    if (bright)
+      for (int i = 1; i < kTileWidth; ++i) extreme = std::max(extreme, p[i]);
+    else
+      for (int i = 1; i < kTileWidth; ++i) extreme = std::min(extreme, p[i]);
+  } else {
+    for (int i = 1; i < count; ++i)
+      extreme = bright ? std::max(extreme, p[i]) : std::min(extreme, p[i]);
+  }
+  return extreme;
 }
 
 }  // namespace
 
-GreyRange grey_range(ImageView image) {
-  std::uint8_t low = 255, high = 0;
-  for (int v = 0; v < image.height; ++v) {
-    const std::uint8_t* row = image.row(v);
-    for (int u = 0; u < image.width; ++u) {
-      low = std::min(low, row[u]);
-      high = std::max(high, row[u]);
+GreyScan scan_greys(ImageView image, bool bright) {
+  const int width = image.width, across = tiles_across(width);
+  GreyScan scan;
+  scan.bright = bright;
+  if (image.empty()) return scan;
+  scan.tiles.reserve(
+      static_cast<std::size_t>(across * ((image.height + kTileHeight - 1) / kTileHeight)));
+  // Column by column, so that the loop over the pixels is free of everything but min and max.
+  const auto columns = static_cast<std::size_t>(width);
+  std::vector<std::uint8_t> high(columns), low(columns);       // of the tiles' rows
+  std::vector<std::uint8_t> other(columns, bright ? 255 : 0);  // the opposite one, of the image
+  std::uint8_t searched = bright ? 0 : 255;
+  for (int top = 0; top < image.height; top += kTileHeight) {
+    // Below the last row it counts again.
+    const auto row = [&](int i) { return image.row(std::min(top + i, image.height - 1)); };
+    const std::uint8_t *a = row(0), *b = row(1), *c = row(2), *d = row(3), *e = row(4), *f = row(5),
+                       *g = row(6), *h = row(7);
+    std::uint8_t *hi = high.data(), *lo = low.data();
+    for (int u = 0; u < width; ++u) {
+      hi[u] = std::max(std::max(std::max(a[u], b[u]), std::max(c[u], d[u])),
+                       std::max(std::max(e[u], f[u]), std::max(g[u], h[u])));
+      lo[u] = std::min(std::min(std::min(a[u], b[u]), std::min(c[u], d[u])),
+                       std::min(std::min(e[u], f[u]), std::min(g[u], h[u])));
+    }
+    const std::uint8_t* wanted = bright ? hi : lo;
+    std::uint8_t* rest = other.data();
+    if (bright)
+      for (int u = 0; u < width; ++u) rest[u] = std::min(rest[u], lo[u]);
+    else
+      for (int u = 0; u < width; ++u) rest[u] = std::max(rest[u], hi[u]);
+    for (int left = 0; left < width; left += kTileWidth) {
+      scan.tiles.push_back(extreme_of(wanted + left, std::min(kTileWidth, width - left), bright));
+      searched =
+          bright ? std::max(searched, scan.tiles.back()) : std::min(searched, scan.tiles.back());
     }
   }
-  return {low, high};
+  const std::uint8_t opposite = extreme_of(other.data(), width, !bright);
+  scan.range = bright ? GreyRange{opposite, searched} : GreyRange{searched, opposite};
+  return scan;
 }
+
+GreyRange grey_range(ImageView image) { return scan_greys(image, true).range; }
 
 double choose_threshold(GreyRange range, bool bright) {
   // Strong images afford a low threshold, which keeps the flanks of the spot; weak ones do not.
@@ -93,8 +133,9 @@ double choose_threshold(GreyRange range, bool bright) {
   return bright ? range.min + coefficient * span : range.max - coefficient * span;
 }
 
-std::vector<Component> find_components(ImageView image, double threshold, bool bright,
+std::vector<Component> find_components(ImageView image, const GreyScan& scan, double threshold,
                                        std::size_t max_components) {
+  const bool bright = scan.bright;
   // As whole greys: bright means >= limit, dark means <= limit.
   const int whole = bright ? static_cast<int>(std::floor(threshold)) + 1
                            : static_cast<int>(std::ceil(threshold)) - 1;
@@ -104,45 +145,62 @@ std::vector<Component> find_components(ImageView image, double threshold, bool b
 
   Forest forest;
   std::vector<Run> above, here;
-  for (int v = 0; v < image.height; ++v) {
+  std::vector<int> open;  // first columns of the tiles that hold foreground
+  bool full = false;
+  for (int v = 0; v < image.height && !full; ++v) {
+    if (v % kTileHeight == 0) {
+      open.clear();
+      const int across = tiles_across(image.width), first = v / kTileHeight * across;
+      for (int t = 0; t < across; ++t)
+        if (foreground(scan.tiles[static_cast<std::size_t>(first + t)]))
+          open.push_back(t * kTileWidth);
+      if (open.empty()) {
+        above.clear();
+        v += kTileHeight - 1;
+        continue;
+      }
+    }
     const std::uint8_t* row = image.row(v);
     here.clear();
     std::size_t candidate = 0;  // first run above that may still touch
-    for (int u = 0; u < image.width;) {
-      if (u + 64 <= image.width && !any_foreground(row + u, limit, bright)) {
-        u += 64;
-        continue;
-      }
-      const int block_end = std::min(image.width, u + 64);
-      while (u < block_end && !foreground(row[u])) ++u;
-      if (u == block_end) continue;
-      Component piece;
-      piece.box = {u, v, u, v};
-      piece.extreme = row[u];
-      while (u < image.width && foreground(row[u])) {
-        piece.extreme =
-            bright ? std::max<int>(piece.extreme, row[u]) : std::min<int>(piece.extreme, row[u]);
-        ++u;
-      }
-      piece.box.right = u - 1;
-      piece.area_px = piece.box.width();
-
-      int parent = -1;
-      while (candidate < above.size() && above[candidate].right < piece.box.left - 1) ++candidate;
-      for (std::size_t i = candidate; i < above.size() && above[i].left <= piece.box.right + 1;
-           ++i) {
-        if (parent < 0) {
-          parent = forest.root(above[i].parent);
-          Forest::merge(forest.at(parent), piece, bright);
-        } else {
-          parent = forest.join(parent, above[i].parent, bright);
+    int u = 0;
+    for (const int left : open) {
+      const int end = std::min(image.width, left + kTileWidth);
+      if (u < left && !foreground(extreme_of(row + left, end - left, bright))) continue;
+      u = std::max(u, left);
+      while (!full) {
+        while (u < end && !foreground(row[u])) ++u;
+        if (u >= end) break;  // a run may have gone on into the next tile
+        Component piece;
+        piece.box = {u, v, u, v};
+        piece.extreme = row[u];
+        while (u < image.width && foreground(row[u])) {
+          piece.extreme =
+              bright ? std::max<int>(piece.extreme, row[u]) : std::min<int>(piece.extreme, row[u]);
+          ++u;
         }
+        piece.box.right = u - 1;
+        piece.area_px = piece.box.width();
+
+        int parent = -1;
+        while (candidate < above.size() && above[candidate].right < piece.box.left - 1) ++candidate;
+        for (std::size_t i = candidate; i < above.size() && above[i].left <= piece.box.right + 1;
+             ++i) {
+          if (parent < 0) {
+            parent = forest.root(above[i].parent);
+            Forest::merge(forest.at(parent), piece, bright);
+          } else {
+            parent = forest.join(parent, above[i].parent, bright);
+          }
+        }
+        if (parent < 0) {
+          // Pieces that join later count apart, hence the factor.
+          full = forest.size() >= 4 * max_components;
+          if (full) break;
+          parent = forest.add(piece);
+        }
+        here.push_back({piece.box.left, piece.box.right, parent});
       }
-      if (parent < 0) {
-        if (forest.size() >= 4 * max_components) break;
-        parent = forest.add(piece);
-      }
-      here.push_back({piece.box.left, piece.box.right, parent});
     }
     std::swap(above, here);
   }
@@ -153,6 +211,11 @@ std::vector<Component> find_components(ImageView image, double threshold, bool b
     c.touches_border = c.box.left == 0 || c.box.top == 0 || c.box.right == image.width - 1 ||
                        c.box.bottom == image.height - 1;
   return components;
+}
+
+std::vector<Component> find_components(ImageView image, double threshold, bool bright,
+                                       std::size_t max_components) {
+  return find_components(image, scan_greys(image, bright), threshold, max_components);
 }
 
 }  // namespace turntable

@@ -2,11 +2,15 @@
 // ratios within one run; a wrong result fails.
 #include <benchmark/benchmark.h>
 
+#include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <cstring>
 #include <opencv2/calib3d.hpp>
+#include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
+#include <vector>
 
 #include "src/core/random.h"
 #include "src/vision/pattern.h"
@@ -52,20 +56,87 @@ void min_max_loc(benchmark::State& state) {
 }
 BENCHMARK(min_max_loc);
 
-void spots_ours(benchmark::State& state) {
-  SpotSearch search = find_spots(led_image());
-  for (auto _ : state) search = find_spots(led_image());
-  view().world().mount(Payload::kLedTarget);
-  double worst = search.spots.size() == 4 ? 0.0 : INFINITY;
-  for (const Vector2d& truth : view().led_pixels()) {
-    double nearest = INFINITY;
-    for (const Spot& s : search.spots) nearest = std::min(nearest, (s.centre_px - truth).norm());
-    worst = std::max(worst, nearest);
+/// Bright blobs of the areas that SpotOptions lets through, by the detector's own steps from
+/// threshold to threshold, or at a single one as ours.
+std::vector<Vector2d> opencv_blobs(const Image& image, bool single_threshold) {
+  cv::SimpleBlobDetector::Params wanted;
+  if (single_threshold) {
+    wanted.minThreshold = 70;
+    wanted.maxThreshold = 80;
+    wanted.minRepeatability = 1;
   }
-  state.counters["worst_px"] = worst;
-  if (!(worst < 0.05)) state.SkipWithError("spots are wrong");
+  wanted.filterByColor = true;
+  wanted.blobColor = 255;
+  wanted.minArea = 6;
+  wanted.maxArea = 4000;
+  wanted.filterByConvexity = wanted.filterByInertia = false;
+  std::vector<cv::KeyPoint> found;
+  cv::SimpleBlobDetector::create(wanted)->detect(as_cv(image), found);
+  std::vector<Vector2d> out;
+  for (const cv::KeyPoint& k : found) out.emplace_back(k.pt.x, k.pt.y);
+  return out;
+}
+
+/// rms error per coordinate of the four LEDs' nearest centres, px; infinite unless there are four.
+double rms_of_leds(const std::vector<Vector2d>& found) {
+  if (found.size() != 4) return INFINITY;
+  view().world().mount(Payload::kLedTarget);
+  double sum = 0.0;
+  for (const Vector2d& truth : view().led_pixels()) {
+    double least = INFINITY;
+    for (const Vector2d& p : found) least = std::min(least, (p - truth).squaredNorm());
+    sum += least;
+  }
+  return std::sqrt(sum / 8.0);
+}
+
+double median_s(auto&& work) {
+  std::array<double, 31> times;
+  for (double& t : times) {
+    const auto start = std::chrono::steady_clock::now();
+    work();
+    t = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  }
+  std::ranges::nth_element(times, times.begin() + times.size() / 2);
+  return times[times.size() / 2];
+}
+
+void spots_ours(benchmark::State& state) {
+  const Image& image = led_image();
+  SpotSearch search;
+  for (auto _ : state) search = find_spots(image);
+
+  std::vector<std::uint8_t> copy(image.pixels.size());
+  std::vector<Vector2d> blobs;
+  const double ours = median_s([&] { search = find_spots(image); });
+  const double look_once = median_s([&] {
+    double low = 0, high = 0;
+    std::memcpy(copy.data(), image.pixels.data(), copy.size());
+    benchmark::ClobberMemory();
+    cv::minMaxLoc(as_cv(image), &low, &high);
+    benchmark::DoNotOptimize(high);
+  });
+  const double blobs_once = median_s([&] { opencv_blobs(image, true); });
+  const double blobs_in_steps = median_s([&] { blobs = opencv_blobs(image, false); });
+
+  std::vector<Vector2d> found;
+  for (const Spot& s : search.spots) found.push_back(s.centre_px);
+  const double rms = rms_of_leds(found);
+  state.counters["rms_px"] = rms;
+  state.counters["blobs_rms_px"] = rms_of_leds(blobs);
+  state.counters["of_copy_and_minmax"] = ours / look_once;
+  state.counters["blobs_over_ours"] = blobs_in_steps / ours;
+  state.counters["blobs_once_over_ours"] = blobs_once / ours;
+  if (!(rms < 0.02) || blobs.size() != 4) state.SkipWithError("spots are wrong");
 }
 BENCHMARK(spots_ours);
+
+void spots_opencv_blobs(benchmark::State& state) {
+  std::vector<Vector2d> found;
+  for (auto _ : state) found = opencv_blobs(led_image(), false);
+  if (found.size() != 4) state.SkipWithError("four blobs expected");
+}
+BENCHMARK(spots_opencv_blobs);
 
 void spots_opencv_components(benchmark::State& state) {
   int found = 0;

@@ -95,6 +95,21 @@ TEST(Scenario, ReadsACalibration) {
   EXPECT_EQ(s.pose_count(), 3u);
 }
 
+TEST(Scenario, LeavesTheOrderToTheResidualsOnlyIfAskedTo) {
+  EXPECT_EQ(parse_scenario(changed(calibration(), "/polynomial_order", "auto").dump(), "c")
+                .polynomial_order,
+            kOrderByResiduals);
+  EXPECT_THAT(refusal(changed(calibration(), "/polynomial_order", 0)),
+              Refuses("/polynomial_order", "found 0"));
+}
+
+TEST(Scenario, ReturnsToTheFirstPlaneIfAskedTo) {
+  const Scenario s =
+      parse_scenario(changed(calibration(), "/return_to_first_plane", true).dump(), "c");
+  EXPECT_TRUE(s.return_to_first_plane);
+  EXPECT_EQ(s.pose_count(), 4u);
+}
+
 TEST(ScenarioRefuses, AStepOfZero) {
   EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/step_deg", 0)),
               Refuses("/ranges/0/step_deg", "found 0"));

@@ -71,6 +71,8 @@ TEST(RigFile, EverySlipIsNamedWithItsPlace) {
       {"\"roll\": [0, 1, 0]", "\"roll\": [0, 1, 1]", "/gimbal/axes", "right angles"},
       {"\"format\": \"turntable-rig/1\"", "\"format\": \"turntable-scenario/1\"", "/format",
        "not a rig file"},
+      {"\"electrons_per_grey\": 40,", "\"electrons_per_grey\": 0,", "/camera/electrons_per_grey",
+       "electrons_per_grey"},
       {"\"seed\": 20190511,", "\"seed\": 1, \"seed\": 2,", "", "\"seed\" stands twice"},
       {"\"nominal_focal_px\": 1945", "\"nominal_focal_px\": NaN", "", "not valid JSON at line"},
       {"\"nominal_focal_px\": 1945", "\"nominal_focal_px\": 1e999", "", "number overflow"},
@@ -128,6 +130,11 @@ TEST(RigFile, RefusesCameraKeysThatWouldNotBeLookedAt) {
     } catch (const ConfigError& e) {
       EXPECT_EQ(e.pointer(), pointer) << e.what();
     }
+}
+
+TEST(RigFile, CountsShotNoiseOnlyIfTheCamerasElectronsAreStated) {
+  EXPECT_EQ(load_rig_file(kRigs / "simulated.json").camera.electrons_per_grey, 40.0);
+  EXPECT_EQ(load_rig_file(kRigs / "lab_example.json").camera.electrons_per_grey, 0.0);
 }
 
 TEST(RigFile, ThatIsNotThereIsNamed) {

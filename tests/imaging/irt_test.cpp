@@ -4,40 +4,11 @@
 
 #include <cmath>
 
-#include "drivers/sim/lens.h"
 #include "src/core/errors.h"
-#include "src/core/random.h"
-#include "tests/support/simulated_view.h"
+#include "tests/imaging/lattice_points.h"
 
 namespace turntable {
 namespace {
-
-constexpr ImageSize kSize{1024, 1024};
-
-/// The shipped lens looking at lattice points of planes at heights z, with pixel noise.
-std::vector<PlanePoint> points_of(const std::vector<double>& heights, double noise_px,
-                                  std::uint64_t draw = 0) {
-  SimulatedView view(shipped_rig("ideal"));
-  view.world().mount(Payload::kCirclePattern);
-  Random random(draw, "irt_test points");
-  std::vector<PlanePoint> points;
-  for (const double z : heights) {
-    view.stand(z, 0, 0, 0);
-    for (int row = -7; row <= 7; ++row)
-      for (int column = -9; column <= 9; ++column) {
-        PlanePoint p;
-        p.on_plane_mm = Vector2d(column, row) * 20.0;
-        p.pixel_px = view.pixel_of({p.on_plane_mm.x(), p.on_plane_mm.y(), 0});
-        if (p.pixel_px.minCoeff() < 10 || p.pixel_px.maxCoeff() > 1013) continue;
-        p.pixel_px += noise_px * Vector2d(random.normal(), random.normal());
-        p.z_mm = z;
-        p.column = column;
-        p.row = row;
-        points.push_back(p);
-      }
-  }
-  return points;
-}
 
 double rms(const IrtModel& model, const std::vector<PlanePoint>& points) {
   double sum = 0;
