@@ -11,6 +11,7 @@
 #include <array>
 #include <cmath>
 #include <opencv2/calib3d.hpp>
+#include <opencv2/imgproc.hpp>
 #include <optional>
 
 #include "src/vision/lattice.h"
@@ -169,7 +170,7 @@ PatternSearch find_chessboard(ImageView image, const PatternConfig& pattern,
   std::vector<cv::Point2f> corners;
   const int columns = pattern.columns, rows = pattern.rows;
   if (!cv::findChessboardCornersSB(as_cv(image), {columns, rows}, corners,
-                                   cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_ACCURACY) ||
+                                   cv::CALIB_CB_NORMALIZE_IMAGE) ||
       corners.size() != static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows)) {
     const GreyRange range = grey_range(image);
     search.status =
@@ -194,6 +195,13 @@ PatternSearch find_chessboard(ImageView image, const PatternConfig& pattern,
     const Matrix2d J = map->at(p.at.cast<double>()).J;
     const double step = std::min(J.col(0).norm(), J.col(1).norm());
     const int half = std::clamp(static_cast<int>(0.3 * step), 2, 8);
+    // The search leaves a bias of some 0.03 px (0.2 px rms with CALIB_CB_ACCURACY); Foerstner's
+    // point has none.
+    std::vector<cv::Point2f> corner{
+        {static_cast<float>(p.circle.centre_px.x()), static_cast<float>(p.circle.centre_px.y())}};
+    cv::cornerSubPix(as_cv(image), corner, {half, half}, {-1, -1},
+                     {cv::TermCriteria::EPS | cv::TermCriteria::COUNT, 40, 1e-3});
+    p.circle.centre_px = {corner[0].x, corner[0].y};
     p.circle.sigma_px = corner_sigma(image, p.circle.centre_px, half).value_or(0.5);
     const int u = static_cast<int>(std::lround(p.circle.centre_px.x())),
               v = static_cast<int>(std::lround(p.circle.centre_px.y()));

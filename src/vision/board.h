@@ -33,7 +33,7 @@ PatternSearch find_asymmetric_circles(ImageView image, const PatternConfig& patt
                                       const PatternOptions& options);
 
 /// Inner corners of a chessboard, columns x rows, by cv::findChessboardCornersSB (Duda & Frese
-/// 2018). Uncertainty: the scatter of the gradients about the corner. Where columns + rows is odd the
+/// 2018), refined by cv::cornerSubPix. Uncertainty: the scatter of the gradients about the corner. Where columns + rows is odd the
 /// colours tell the half turn: the square next to the corner with the least x and y, between the
 /// first four inner corners, is the dark one.
 PatternSearch find_chessboard(ImageView image, const PatternConfig& pattern,

@@ -10,11 +10,11 @@
 // a centroid over the whole region, and no threshold enters. The ring reaches 2.5 standard deviations
 // of the edge's blur to either side; a symmetric blur moves no centroid.
 //   blur    s = sqrt(pi) sum_ring w (1 - w) / circumference   (Gaussian: int Phi (1 - Phi) = 1/sqrt(pi))
-//   sigma^2 = 1/(2 (c W)^2) [ sum_ring r^2 var(w)
-//             + (sum_ring r^2 (1-w))^2 var_g / sum_ground r^2 + (sum_ring r^2 w)^2 var_p / sum_plateau r^2 ]
+//   sigma^2 = 1/(2 (c W)^2) tr[ sum_ring x x^T var(grey) + D S_g^-1 D var_g + B S_p^-1 B var_p ]
+//   B = sum_ring w x x^T,  D = sum_ring (1 - w) x x^T,  S_g, S_p = sum x x^T of the planes' pixels
 // with c the contrast, W = sum w, var_g and var_p the variances of the residuals about the planes
-// (never below 1/12 grey^2: rounding), var(w) between them by w; the last two terms are the planes'
-// own uncertainties of slope. Derived here; the idea of normalising by fitted planes follows the
+// (never below 1/12 grey^2: rounding), var(grey) between them by w; the last two terms are the
+// planes' own uncertainties of slope. Derived here; the idea of normalising by fitted planes follows the
 // grey-moment operators (Tabatabai & Mitchell 1984, doi:10.1109/TPAMI.1984.4767502).
 // Domain: radius from about 2.5 px; discs without a plateau (radius below the blur) are taken with
 // parallel planes. Ground must be free of neighbours within about 2 px of the ring.
@@ -35,7 +35,9 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr int kTile = 32;  ///< px; a window of three tiles must hold both disc and ground
+constexpr int kTile = 16;  ///< px; a window of three tiles is what a half-way level is taken from
+/// Of a disc's size; a centre less exact than this is a flaw of noise, not a disc.
+constexpr double kLeastExact = 0.05;
 constexpr double kRoundingVariance = 1.0 / 12.0;
 
 /// Standard deviation of the noise, from second differences along every 16th row (median, so that
@@ -107,7 +109,7 @@ Tiles half_way_levels(ImageView image, double noise, const CircleOptions& option
       greatest = std::max(greatest, contrast[k]);
     }
   // Ground alone, or the inside of a large disc, knows no half-way level; it takes its neighbours'.
-  const double enough = std::max({options.min_contrast_grey, 8.0 * noise, 0.2 * greatest});
+  const double enough = std::max({options.min_contrast_grey, 10.0 * noise, 0.2 * greatest});
   if (greatest < enough) return {};
   for (std::size_t k = 0; k < count; ++k)
     if (contrast[k] < enough) tiles.level[k] = -1.0;
@@ -279,8 +281,12 @@ class PlaneFit {
     return std::max(kRoundingVariance, (gg_ - plane[0] * g_ - plane[1] * xg_ - plane[2] * yg_) /
                                            std::max(1.0, n_ - 3.0));
   }
-  /// sum |x|^2 about the pixels' own middle.
-  double spread() const { return xx_ + yy_ - (x_ * x_ + y_ * y_) / n_; }
+  /// sum x x^T about the pixels' own middle.
+  Matrix2d scatter() const {
+    Matrix2d s;
+    s << xx_ - x_ * x_ / n_, xy_ - x_ * y_ / n_, xy_ - x_ * y_ / n_, yy_ - y_ * y_ / n_;
+    return s;
+  }
 
  private:
   double n_ = 0, x_ = 0, y_ = 0, xx_ = 0, xy_ = 0, yy_ = 0;
@@ -312,7 +318,8 @@ bool measure(ImageView image, ImageView marked, const Ellipse& e, double ring, d
   if (bottom - top >= static_cast<int>(rows.size())) return false;
 
   PlaneFit ground, plateau;
-  const int plateau_step = 1 + static_cast<int>(std::max(0.0, e.minor - ring) / 8.0);  // enough pixels
+  const int plateau_step =
+      1 + static_cast<int>(std::max(0.0, e.minor - ring) / 8.0);  // enough pixels
   for (int v = std::max(0, ground_end.top()); v <= std::min(image.height - 1, ground_end.bottom());
        ++v) {
     const std::uint8_t* row = image.row(v);
@@ -360,9 +367,9 @@ bool measure(ImageView image, ImageView marked, const Ellipse& e, double ring, d
     plateau_variance =
         std::max(kRoundingVariance, ground_variance + c[0] / options.electrons_per_grey);
 
-  double W = 0, Wx = 0, Wy = 0;  // sums of w, w x, w y
-  double n = 0, edge = 0;        // ring: pixels, sum w (1 - w)
-  double r2 = 0, r2w = 0;        // ring: sum r^2, sum r^2 w
+  double W = 0, Wx = 0, Wy = 0;                   // sums of w, w x, w y
+  double n = 0, edge = 0;                         // ring: pixels, sum w (1 - w)
+  Matrix2d all = Matrix2d::Zero(), bright = all;  // ring: sum x x^T, sum w x x^T
   for (int v = top; v <= bottom; ++v) {
     const Row& chord = rows[static_cast<std::size_t>(v - top)];
     const std::uint8_t* row = image.row(v);
@@ -380,12 +387,16 @@ bool measure(ImageView image, ImageView marked, const Ellipse& e, double ring, d
       }
       const double k = std::max(0, right - left + 1), m = 0.5 * (left + right) - u0;
       n += k;
-      r2 += k * (m * m + (k * k - 1.0) / 12.0 + y * y);
+      all(0, 0) += k * (m * m + (k * k - 1.0) / 12.0);
+      all(0, 1) += k * m * y;
+      all(1, 1) += k * y * y;
     };
     along(chord.outer_left, chord.inner_left - 1);
     along(chord.inner_right + 1, chord.outer_right);
     edge += w0 - ww;
-    r2w += w2 + w0 * y * y;
+    bright(0, 0) += w2;
+    bright(0, 1) += w1 * y;
+    bright(1, 1) += w0 * y * y;
     const int filled = chord.inner_right - chord.inner_left + 1;
     if (filled > 0) {
       w0 += filled;
@@ -399,10 +410,15 @@ bool measure(ImageView image, ImageView marked, const Ellipse& e, double ring, d
 
   const double mean_variance = 0.5 * (ground_variance + plateau_variance);
   const double cc = c[0] * c[0];
-  const double ground_lever = std::max(0.0, r2 - r2w), plateau_lever = std::max(0.0, r2w);
-  double variance = ground_lever * ground_variance + plateau_lever * plateau_variance +
-                    ground_lever * ground_lever * ground_variance / ground.spread();
-  if (sloped) variance += plateau_lever * plateau_lever * plateau_variance / plateau.spread();
+  all(1, 0) = all(0, 1);
+  bright(1, 0) = bright(0, 1);
+  const Matrix2d dark = all - bright;
+  const auto by_slope = [](const Matrix2d& lever, const PlaneFit& plane) {
+    return (lever * plane.scatter().inverse() * lever).trace();
+  };
+  double variance =
+      ground_variance * (dark.trace() + by_slope(dark, ground)) + plateau_variance * bright.trace();
+  if (sloped) variance += plateau_variance * by_slope(bright, plateau);
   out.centre = Vector2d(u0 + Wx / W, v0 + Wy / W);
   out.sigma = std::sqrt(variance / (2.0 * cc)) / W;
   out.area = W;
@@ -551,7 +567,7 @@ CircleSearch find_circles(ImageView image, bool bright, const CircleOptions& opt
     }
     if (cut)
       ++search.cut_by_border;
-    else if (!good)
+    else if (!good || m.sigma > kLeastExact * std::sqrt(m.area))
       ++search.rejected;
     else
       search.circles.push_back({m.centre, m.sigma, std::sqrt(m.area / std::numbers::pi),

@@ -33,10 +33,14 @@ PatternStatus check_lattice(std::vector<LatticeNode>& nodes, const std::vector<C
                             PatternMap& map) {
   constexpr double kFarSteps = 0.01;     // a member's residual up to here is never doubted
   constexpr double kSmoothSteps = 0.02;  // rms of what is left; more is not one lattice
+  // Residuals of two neighbours that differ by more are a break, and so many a seam. A sheet that
+  // buckles, or a shadow's edge on a circle, breaks one circle's neighbourhood: four.
+  constexpr double kBreakSteps = 0.05;
+  constexpr int kSeam = 6;
   std::vector<bool> keep(nodes.size(), true);
   std::vector<Vector2d> off(nodes.size());  // in lattice steps
   std::vector<Vector2d> at, px;
-  std::vector<double> sizes;
+  std::vector<double> sizes, allowance(nodes.size());
   for (int pass = 0; pass < 6; ++pass) {
     at.clear();
     px.clear();
@@ -47,7 +51,6 @@ PatternStatus check_lattice(std::vector<LatticeNode>& nodes, const std::vector<C
     }
     if (at.size() < kFewestCircles || !map.fit(at, px)) return PatternStatus::kNoLattice;
     sizes.clear();
-    std::vector<double> allowance(nodes.size());
     for (std::size_t i = 0; i < nodes.size(); ++i) {
       const PatternMap::Taylor f = map.at(nodes[i].at.cast<double>());
       const Circle& c = circles[nodes[i].circle];
@@ -58,7 +61,7 @@ PatternStatus check_lattice(std::vector<LatticeNode>& nodes, const std::vector<C
     }
     const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2);
     std::nth_element(sizes.begin(), middle, sizes.end());
-    const double usual = 7.0 * *middle;
+    const double usual = 10.0 * *middle;  // paper buckles at its corners
     bool changed = false;
     for (std::size_t i = 0; i < nodes.size(); ++i) {
       const bool good = off[i].norm() <= std::max(allowance[i], usual);
@@ -67,15 +70,19 @@ PatternStatus check_lattice(std::vector<LatticeNode>& nodes, const std::vector<C
     }
     if (!changed) break;
   }
-  // A part that is shifted as a whole: neighbours that are off, and off alike.
-  int alike = 0;
+  // A part that is shifted as a whole: a seam between those that fit, or neighbours that are off,
+  // and off alike.
+  int breaks = 0, alike = 0;
   for (std::size_t i = 0; i < nodes.size(); ++i) {
-    if (keep[i]) continue;
     int n = 0;
-    for (std::size_t j = 0; j < nodes.size(); ++j)
-      if (!keep[j] && (nodes[i].at - nodes[j].at).cwiseAbs().sum() == 1 &&
-          (off[i] - off[j]).norm() < 0.25 * off[i].norm())
-        ++n;
+    for (std::size_t j = 0; j < nodes.size(); ++j) {
+      if (keep[i] != keep[j] || (nodes[i].at - nodes[j].at).cwiseAbs().sum() != 1) continue;
+      const double jump = (off[i] - off[j]).norm();
+      if (!keep[i] && jump < 0.25 * off[i].norm()) ++n;
+      if (keep[i] && i < j &&
+          jump > std::max(kBreakSteps, 1.5 * std::max(allowance[i], allowance[j])))
+        ++breaks;
+    }
     if (n >= 2) ++alike;
   }
   double sum = 0.0;
@@ -87,7 +94,8 @@ PatternStatus check_lattice(std::vector<LatticeNode>& nodes, const std::vector<C
     }
   nodes = std::move(good);
   if (nodes.size() < kFewestCircles) return PatternStatus::kNoLattice;
-  if (alike >= 3 || std::sqrt(sum / static_cast<double>(nodes.size())) > kSmoothSteps)
+  if (breaks >= kSeam || alike >= 3 ||
+      std::sqrt(sum / static_cast<double>(nodes.size())) > kSmoothSteps)
     return PatternStatus::kInconsistent;
   return PatternStatus::kFound;
 }

@@ -201,8 +201,7 @@ TEST(Pattern, WithTwoDirectionCirclesCoveredOrASmallOneInTheirPlaceIsRefused) {
   cover(view, two, 0, 4);
   Image replaced = two;
   cover(view, two, -1, 1);
-  EXPECT_EQ(find_pattern(two, view.rig().pattern).status,
-            PatternStatus::kDirectionCirclesMissing);
+  EXPECT_EQ(find_pattern(two, view.rig().pattern).status, PatternStatus::kDirectionCirclesMissing);
   add_disc(view, replaced, 0, 4, 16.2);  // as small as the others
   EXPECT_EQ(find_pattern(replaced, view.rig().pattern).status, PatternStatus::kAmbiguous);
 }
@@ -275,7 +274,7 @@ TEST(Pattern, WhoseLowerPartIsShiftedIsNotTakenForOneLattice) {
   const Image image = view.look(Payload::kCirclePattern);
   const double pitch = (view.pixel_of({20, 0, 0}) - view.pixel_of({0, 0, 0})).norm();
   const int cut = static_cast<int>(view.pixel_of({0, -30, 0}).y());
-  for (const double share : {0.05, 0.12, 0.3, 0.5}) {
+  for (const double share : {0.1, 0.15, 0.3, 0.5}) {  // of a step
     Image shifted = image;
     const int by = static_cast<int>(std::lround(share * pitch));
     for (int v = cut; v < image.height; ++v)
@@ -347,9 +346,10 @@ TEST(CircleGrid, IsIndexedUpToTheTurnsThatItCannotTell) {
       EXPECT_EQ(search.points.size(), static_cast<std::size_t>(columns * rows));
       // With an odd count the origin is the middle, whatever the turn; and x runs along u.
       const auto place = [&](int column, int row) {
-        return std::ranges::find_if(search.points, [&](const PatternPoint& p) {
-                 return p.column == column && p.row == row;
-               })->centre_px;
+        return std::ranges::find_if(
+                   search.points,
+                   [&](const PatternPoint& p) { return p.column == column && p.row == row; })
+            ->centre_px;
       };
       const Vector2d x = place(1, 0) - place(0, 0), y = place(0, 1) - place(0, 0);
       EXPECT_GT(x.x(), 0);
