@@ -56,7 +56,9 @@ std::string_view correspondence_status_name(CorrespondenceStatus status);
 constexpr int kMaxCorrespondenceSpots = 48;
 
 struct CorrespondenceOptions {
-  /// Standard deviation of each coordinate of a ray where it passes the target, mm; positive.
+  /// Standard deviation of each coordinate of a ray where it passes the target, mm; positive. What
+  /// the target's points are wrong by counts too: too small a value makes nearly symmetric targets
+  /// look certain.
   double sigma_mm = 0.02;
   /// Points that must be seen, 4 or more; 0 asks for all of them.
   int min_points = 0;

@@ -8,6 +8,9 @@
 namespace turntable {
 namespace {
 
+/// rad; the cosines b_ij of directions closer than this are 1 to rounding.
+constexpr double kSameDirection = 1e-7;
+
 /// Symmetric: its columns are cross products of the columns of C.
 Matrix3d adjugate(const Matrix3d& C) {
   Matrix3d out;
@@ -39,6 +42,9 @@ int cubic_roots(double p, double q, double r, std::array<double, 3>& roots) {
 P3pSolutions solve_p3p(const Vector3d& y_1, const Vector3d& y_2, const Vector3d& y_3,
                        const Vector3d& distances) {
   P3pSolutions out;
+  const double closest =
+      std::min({(y_1 - y_2).squaredNorm(), (y_1 - y_3).squaredNorm(), (y_2 - y_3).squaredNorm()});
+  if (!(closest > kSameDirection * kSameDirection)) return out;
   const double b_12 = y_1.dot(y_2), b_13 = y_1.dot(y_3), b_23 = y_2.dot(y_3);
   const Vector3d a = distances.cwiseAbs2() / distances.squaredNorm();
   Matrix3d M_12, M_13, M_23;
