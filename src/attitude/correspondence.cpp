@@ -484,7 +484,7 @@ double Search::chance(const Candidate& c) const {
                           std::lgamma(m + 1) - std::lgamma(m - k + 1);
   const double log_fit =
       (k - 3) * std::log(std::numbers::pi * c.S / area_mm2_) - std::lgamma(k - 2);
-  return 2.0 * std::exp(log_ways + log_fit);
+  return 2.0 * (n_ - min_points_ + 1) * std::exp(log_ways + log_fit);
 }
 
 AssignedPose Search::answer(const Candidate& c) const {

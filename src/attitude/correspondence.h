@@ -9,8 +9,9 @@
 //      degrees of freedom for k points, and no point is more than 5 sigma off.
 //   4. Rank by Q = S / sigma^2 + 25 (n - k): a hidden point costs what one at the gate would.
 //   5. Chance: random spots over an area A would fit k points this well, on the average,
-//        2 C(n, k) m!/(m-k)! (pi S / A)^(k-3) / (k-3)!   times, for m spots, n points,
-//      the volume of the ball of misses in the k - 3 points that the pose does not absorb.
+//        2 (n - k_min + 1) C(n, k) m!/(m-k)! (pi S / A)^(k-3) / (k-3)!
+//      times, for m spots, n points: the volume of the ball of misses in the k - 3 points that the
+//      pose does not absorb, for each number of points from k_min = `min_points` on.
 // Sources: Fischler & Bolles, CACM 24 (1981) 381-395 (poses from the fewest points, judged by the
 // others); Moisan & Stival, IJCV 57 (2004) 201-218 (number of false alarms). S is a least-squares
 // minimum because the test needs one: the fixed point of AOPIT is not, and it hangs on M0's ray,

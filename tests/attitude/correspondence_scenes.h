@@ -36,7 +36,7 @@ struct Scene {
   Problem truth;
   std::vector<Ray> rays;
   std::vector<int> spot_of_point;  ///< -1: hidden
-  double sigma_mm = 0.0;           ///< of a coordinate of a ray, at the target
+  double sigma_mm = 0.0;           ///< of a coordinate of a ray, half-way down the target
 };
 
 inline Ray stray_ray(Random& random, const Lens& lens) {
@@ -61,7 +61,11 @@ inline Scene scene(Random& random, Problem problem, double noise_px, int strays,
     s.rays.push_back(order[j] < n ? s.truth.rays[static_cast<std::size_t>(order[j])]
                                   : stray_ray(random, s.truth.lens));
   }
-  s.sigma_mm = noise_px / kFocalPx * (s.truth.lens.centre_mm.z() - s.truth.origin_mm.z());
+  double height = 0.0;
+  for (const Vector3d& p : s.truth.target_mm)
+    height +=
+        (s.truth.R_plane_from_target * (p - s.truth.target_mm[0]) + s.truth.origin_mm).z() / n;
+  s.sigma_mm = noise_px / kFocalPx * (s.truth.lens.centre_mm.z() - height);
   return s;
 }
 

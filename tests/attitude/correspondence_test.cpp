@@ -165,6 +165,21 @@ TEST(Correspondence, does_not_find_a_target_in_random_spots) {
   EXPECT_LE(accepted, kScenes / 20);
 }
 
+TEST(Correspondence, does_not_find_half_a_target_in_random_spots) {
+  Random random = draws_of_this_test();
+  int matched = 0;
+  constexpr int kScenes = 200;
+  for (int trial = 0; trial < kScenes; ++trial) {
+    const TargetModel target(problems::spaced_target(random, 8));
+    std::vector<Ray> rays;
+    for (int j = 0; j < 6; ++j) rays.push_back(problems::stray_ray(random, {}));
+    CorrespondenceOptions options;
+    options.min_points = 4;
+    matched += correspond(target, rays, kPlanes, options).status == CorrespondenceStatus::kMatched;
+  }
+  EXPECT_LE(matched, kScenes / 50);  // max_chance, and twice as many for the draw
+}
+
 TEST(Correspondence, calls_a_symmetric_target_ambiguous_unless_told_where_to_look) {
   Random random = draws_of_this_test();
   const double h = 30.0 * std::numbers::sqrt3;
