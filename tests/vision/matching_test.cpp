@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "src/core/random.h"
 
@@ -55,6 +56,45 @@ TEST(Matching, SaysWhatIsWrongInsteadOfGuessing) {
   EXPECT_EQ(match_to_prediction(kPoints, {}, kPlanes, 15.0).status, MatchStatus::kTooFewSpots);
   EXPECT_EQ(match_to_prediction(kPoints, doubled, kPlanes, 15.0).status, MatchStatus::kAmbiguous);
   EXPECT_NE(match_to_prediction(kPoints, elsewhere, kPlanes, 15.0).status, MatchStatus::kMatched);
+}
+
+TEST(Matching, NamesThePointThatIsAmbiguousOrTooFar) {
+  std::vector<Ray> rays;
+  for (const Vector3d& p : kPoints) rays.push_back(ray_through(p));
+  EXPECT_EQ(match_to_prediction(kPoints, rays, kPlanes, 15.0).point, -1);
+  rays.push_back(ray_through(kPoints[2] + Vector3d(3, 0, 0)));
+  Match match = match_to_prediction(kPoints, rays, kPlanes, 15.0);
+  EXPECT_EQ(match.status, MatchStatus::kAmbiguous);
+  EXPECT_EQ(match.point, 2);
+  rays = {rays[0], rays[1], rays[2], ray_through(kPoints[3] + Vector3d(0, -40, 0))};
+  match = match_to_prediction(kPoints, rays, kPlanes, 15.0);
+  EXPECT_EQ(match.status, MatchStatus::kTooFar);
+  EXPECT_EQ(match.point, 3);
+}
+
+TEST(Matching, PairsNothingWithRaysThatAreNotFinite) {
+  std::vector<Ray> rays;
+  for (const Vector3d& p : kPoints) rays.push_back(ray_through(p));
+  const Ray lost{Vector2d::Constant(std::nan("")), Vector2d::Zero()};
+  rays.insert(rays.begin(), lost);
+  const Match match = match_to_prediction(kPoints, rays, kPlanes, 15.0);
+  ASSERT_EQ(match.status, MatchStatus::kMatched);
+  EXPECT_EQ(match.ray_of_point, (std::vector{1, 2, 3, 4}));
+  rays[2] = lost;
+  EXPECT_EQ(match_to_prediction(kPoints, rays, kPlanes, 15.0).status, MatchStatus::kTooFar);
+}
+
+TEST(Matching, FindsThirtyTwoPointsUnderACommonOffset) {
+  Random random(1, "Matching.FindsThirtyTwoPointsUnderACommonOffset");
+  std::vector<Vector3d> points;
+  for (int k = 0; k < 32; ++k)
+    points.emplace_back(20.0 * (k % 8) - 70.0, 20.0 * (k / 8) - 30.0, random.uniform(80, 100));
+  std::vector<Ray> rays;
+  for (auto p = points.rbegin(); p != points.rend(); ++p)
+    rays.push_back(ray_through(*p + Vector3d(4, -3, 2)));
+  const Match match = match_to_prediction(points, rays, kPlanes, 15.0);
+  ASSERT_EQ(match.status, MatchStatus::kMatched);
+  for (int k = 0; k < 32; ++k) EXPECT_EQ(match.ray_of_point[static_cast<std::size_t>(k)], 31 - k);
 }
 
 }  // namespace
