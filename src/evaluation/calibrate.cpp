@@ -71,7 +71,14 @@ std::vector<ModelRow> compare(const CalibrationSet& set, const IrtFit& fit, int 
     (judge ? data.held_out : data.fit).push_back(p);
   }
   if (any_tilted(set)) data.views = set.views;
-  return compare_models(data);
+  std::vector<ModelRow> rows = compare_models(data);
+  if (data.views.empty())
+    for (ModelRow& row : rows)
+      if (!row.why_not.empty())
+        row.why_not =
+            "needs views of the tilted pattern: from level planes alone, focal length and distance "
+            "cannot be told apart.";
+  return rows;
 }
 
 Calibration from_planes(const CalibrationSet& set, int order) {

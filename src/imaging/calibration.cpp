@@ -285,7 +285,8 @@ std::string calibration_to_json(const Calibration& c) {
     json["stage"].push_back({{"z_mm", p.z_mm},
                              {"read_back_mm", p.stage_mm},
                              {"visits", p.visits},
-                             {"drift_mm", p.drift_mm}});
+                             {"drift_mm", p.drift_mm},
+                             {"drift_px", {p.drift_px.x(), p.drift_px.y()}}});
   for (const UsedImage& i : c.images)
     json["images"].push_back({{"file", i.file}, {"sha256", i.sha256}});
   return json.dump(1) + "\n";
@@ -381,7 +382,8 @@ Calibration parse_calibration(const std::string& text, const std::string& name) 
   for (const Json& j : json.value("orders", Json::array())) c.orders.push_back(order_row_from(j));
   for (const Json& j : json.value("models", Json::array())) c.models.push_back(model_row_from(j));
   for (const Json& j : json.value("stage", Json::array()))
-    c.stage.push_back({j.at("z_mm"), j.at("read_back_mm"), j.at("visits"), j.at("drift_mm")});
+    c.stage.push_back({j.at("z_mm"), j.at("read_back_mm"), j.at("visits"), j.at("drift_mm"),
+                       Vector2d(j.at("drift_px").at(0), j.at("drift_px").at(1))});
   for (const Json& j : json.value("images", Json::array()))
     c.images.push_back({j.at("file"), j.at("sha256")});
   return c;

@@ -39,6 +39,10 @@ constexpr int kTile = 16;  ///< px; a window of three tiles is what a half-way l
 /// Of a disc's size; a centre less exact than this is a flaw of noise, not a disc.
 constexpr double kLeastExact = 0.05;
 constexpr double kRoundingVariance = 1.0 / 12.0;
+/// How far w may lie outside [0, 1]: more than noise does, less than the glint of a rough dot's rim.
+constexpr double kBeyond = 0.25;
+/// Unmarked pixels of a row that do not end a disc: scratches and grain of a real one.
+constexpr int kScratch = 2;
 
 /// Standard deviation of the noise, from second differences along every 16th row (median, so that
 /// edges do not count).
@@ -379,7 +383,8 @@ bool measure(ImageView image, ImageView marked, const Ellipse& e, double ring, d
     const auto along = [&](int left, int right) {
       for (int u = left; u <= right; ++u) {
         const double x = u - u0;
-        const double w = (row[u] - (g_row + g[1] * x)) / (c_row + c[1] * x);
+        const double fill = (row[u] - (g_row + g[1] * x)) / (c_row + c[1] * x);
+        const double w = std::clamp(fill, -kBeyond, 1.0 + kBeyond);
         w0 += w;
         w1 += w * x;
         w2 += w * x * x;
@@ -427,25 +432,34 @@ bool measure(ImageView image, ImageView marked, const Ellipse& e, double ring, d
   return out.centre.allFinite() && std::isfinite(out.sigma);
 }
 
+/// End of the marked run that holds pixel u, in the direction of `step`, scratches bridged.
+int run_end(const std::uint8_t* row, int u, int step, const PixelBox& box) {
+  for (int ahead = 1; ahead <= kScratch + 1; ++ahead) {
+    const int next = u + ahead * step;
+    if (next < box.left || next > box.right) break;
+    if (row[next] != 0) {
+      u = next;
+      ahead = 0;
+    }
+  }
+  return u;
+}
+
 /// Ellipse of a marked region, from the chord of each row.
 /// @return false unless the region is convex enough for one chord per row, and round.
 bool ellipse_of(ImageView marked, const Component& c, const CircleOptions& options, Ellipse& out) {
   const PixelBox& box = c.box;
   const int middle = (box.top + box.bottom) / 2;
-  int left0 = box.left, right0 = box.left;
+  int left0 = box.left, right0 = box.left - 1;
   {
     const std::uint8_t* row = marked.row(middle);
-    int best = 0;
-    for (int u = box.left; u <= box.right;) {  // the longest run of the middle row
-      if (row[u] == 0) {
-        ++u;
-        continue;
-      }
-      const int from = u;
-      while (u <= box.right && row[u] != 0) ++u;
-      if (u - from > best) best = u - from, left0 = from, right0 = u - 1;
+    for (int u = box.left; u <= box.right; ++u) {  // the longest run of the middle row
+      if (row[u] == 0) continue;
+      const int end = run_end(row, u, 1, box);
+      if (end - u > right0 - left0) left0 = u, right0 = end;
+      u = end;
     }
-    if (best == 0) return false;
+    if (right0 < left0) return false;
   }
   double n = 0, x = 0, y = 0, xx = 0, xy = 0, yy = 0;
   const auto add = [&](int left, int right, int v) {
@@ -462,19 +476,12 @@ bool ellipse_of(ImageView marked, const Component& c, const CircleOptions& optio
     int left = left0, right = right0;
     for (int v = middle + step; v >= box.top && v <= box.bottom; v += step) {
       const std::uint8_t* row = marked.row(v);
-      int l = left;
-      if (row[l] != 0) {
-        while (l > box.left && row[l - 1] != 0) --l;
-      } else {
-        while (l <= right && row[l] == 0) ++l;
-        if (l > right) break;
-      }
-      int r = std::max(right, l);
-      if (row[r] != 0) {
-        while (r < box.right && row[r + 1] != 0) ++r;
-      } else {
-        while (row[r] == 0) --r;
-      }
+      int l = left, r = right;
+      while (l <= right && row[l] == 0) ++l;
+      if (l > right) break;
+      while (row[r] == 0) --r;
+      l = run_end(row, l, -1, box);
+      r = run_end(row, r, 1, box);
       add(l, r, v);
       left = l;
       right = r;

@@ -29,6 +29,14 @@ const OrderRow& row_of(const Calibration& c, int order) {
   return c.orders.at(static_cast<std::size_t>(order - 1));
 }
 
+/// Of all held-out points, those outside the calibrated area included.
+double held_out_rms_mm(const OrderRow& o) {
+  const double inside = o.held_out_points > 0 ? o.held_out_rms_mm : 0.0;
+  const double outside = o.outside_points > 0 ? o.outside_rms_mm : 0.0;
+  return std::sqrt((inside * inside * o.held_out_points + outside * outside * o.outside_points) /
+                   (o.held_out_points + o.outside_points));
+}
+
 /// A set of images of the simulated rig: three planes, `images` each, and two tilted views.
 class SimulatedSet {
  public:
@@ -153,12 +161,13 @@ TEST(RealPivPlate, OrderTwoIsChosenAndOrderFiveShownToOverFit) {
     std::printf("order %d: fitted %.1f um, held out %.1f um, left out %.1f um %s\n", o.order,
                 1000 * o.rms_mm, 1000 * o.held_out_rms_mm, 1000 * o.loo_rms_mm, o.refused.c_str());
   EXPECT_EQ(c.irt.order(), 2);
+  EXPECT_EQ(c.points, 72);  // every dot that was picked by hand
   EXPECT_LE(row_of(c, 2).loo_rms_mm, 0.0108);
-  EXPECT_LE(row_of(c, 2).held_out_rms_mm, 0.0095);
+  EXPECT_LE(held_out_rms_mm(row_of(c, 2)), 0.0095);
   // Order 5 fits and even predicts the other planes better, but not a point that it has not seen.
   EXPECT_LT(row_of(c, 5).rms_mm, row_of(c, 2).rms_mm);
   EXPECT_LT(row_of(c, 5).held_out_rms_mm, row_of(c, 2).held_out_rms_mm);
-  EXPECT_GT(row_of(c, 5).loo_rms_mm, 1.5 * row_of(c, 2).loo_rms_mm);
+  EXPECT_GT(row_of(c, 5).loo_rms_mm, 1.2 * row_of(c, 2).loo_rms_mm);
 }
 
 TEST(RealSteppedTarget, TheStripIsRecognisedAndHighOrdersAreRefused) {
