@@ -145,6 +145,20 @@ TEST(Circles, UnderNoiseOfThirtyGreyLevelsAreAllFoundAndNothingElse) {
   }
 }
 
+TEST(Circles, AreNotSeenInTheNoiseOfWideEmptyGround) {
+  Random random = draws_of_this_test();
+  Image image({600, 600}, 0);
+  for (int v = 0; v < 600; ++v)
+    for (int u = 0; u < 600; ++u) {
+      const double inside = 12.5 - std::hypot(u - 300, v - 300);
+      const double grey = 60 + 140 * std::clamp(inside, 0.0, 1.0) + 25 * random.normal();
+      image.row(v)[u] = static_cast<std::uint8_t>(std::clamp(std::lround(grey), 0L, 255L));
+    }
+  const CircleSearch search = find_circles(image, true);
+  ASSERT_EQ(search.circles.size(), 1u);
+  EXPECT_LT((search.circles[0].centre_px - Vector2d(300, 300)).norm(), 0.5);
+}
+
 TEST(Circles, CutByTheBorderAreLeftOutAndCounted) {
   const Drawn drawn = draw(Scene(), draws_of_this_test());
   ImageView cut = drawn.image;
