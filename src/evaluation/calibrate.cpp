@@ -19,10 +19,10 @@ bool any_tilted(const CalibrationSet& set) {
   return std::ranges::any_of(set.views, [](const PatternView& v) { return !v.at_zero; });
 }
 
-PlaneResidual plane_residual(const IrtModel& model, const SeenPlane& plane) {
+PlaneResidual kept_out_residual(const IrtModel& model, const SeenPlane& plane) {
   PlaneResidual out;
   out.z_mm = plane.z_mm;
-  out.fitted = plane.fit;
+  out.fitted = false;
   double sum = 0.0;
   for (const PlanePoint& p : plane.points) {
     // A point outside the fitted area is extrapolation: no statement about the model there.
@@ -94,23 +94,10 @@ Calibration from_planes(const CalibrationSet& set, int order) {
   if (order == kOrderByResiduals) order = choose_order(c.orders);
   const IrtFit fit = fit_irt(fitted, planes, order, set.size);
   check_handedness(fit.model, set.name);
-  c.irt = fit.model;
-  c.sigma_mm = fit.sigma_mm;
-  c.points = fit.points;
-  c.loo_rms_mm = fit.loo_rms_mm;
-  c.chi2_per_dof = fit.chi2_per_dof;
-  c.condition = fit.condition;
-  c.max_leverage = fit.max_leverage;
-  c.outliers = fit.outliers;
-  for (const SeenPlane& plane : set.planes) {
-    PlaneResidual residual = plane_residual(fit.model, plane);
-    for (const FittedPlane& f : fit.planes)
-      if (plane.fit && f.z_mm == plane.z_mm) {
-        residual.coverage = f.coverage;
-        residual.noise_gain = f.noise_gain;
-      }
-    c.planes.push_back(residual);
-  }
+  c.set_irt(fit, fitted);
+  for (const SeenPlane& plane : set.planes)
+    if (!plane.fit) c.planes.push_back(kept_out_residual(fit.model, plane));
+  std::ranges::sort(c.planes, {}, &PlaneResidual::z_mm);
   c.models = compare(set, fit, order);
   c.central = central_models(set);
   return c;

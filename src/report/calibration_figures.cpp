@@ -76,7 +76,7 @@ void pattern_figure(const Context& to, const PatternExample& example) {
   const auto part = [&](double left, double right, double top, double bottom, double size) {
     return fmt::format(
         "set xrange [{}:{}]\nset yrange [{}:{}]\n"
-        "plot 'figure8_pattern.png' binary filetype=png flipy using 1 with rgbimage, "
+        "plot 'figure8_pattern.png' binary filetype=png flipy using 1:1:1 with rgbimage, "
         "'DATA' every ::1 using 5:6 with points pt 1 ps {} lc rgb '#D55E00', "
         "'' every ::1 using 5:6:(sprintf('%d,%d', $1, $2)) with labels offset 0,{} font 'sans,{}' "
         "textcolor rgb '#009E73'\n",
@@ -126,6 +126,7 @@ void positions_figure(const Context& to, const CalibrationSet& set) {
   draft.size = fmt::format("{},{}", 480 * columns, 480 * rows);
   draft.commands = fmt::format(
       "set key below\nset size ratio -1\nset xlabel 'x / mm'\nset ylabel 'y / mm'\n"
+      "set offsets graph 0.06, graph 0.06, graph 0.06, graph 0.06\n"
       "set multiplot layout {},{}\n{}unset multiplot\n",
       rows, columns, plots);
   to.add(std::move(draft), csv);
@@ -139,6 +140,7 @@ void residual_figures(const Context& to, const CalibrationSet& set, const SeenPl
   double largest = 0.0;
   int inside = 0;
   Vector2d low(INFINITY, INFINITY), high(-INFINITY, -INFINITY);
+  std::string block = "$inside << EOD\n";  // what is interpolated: gnuplot's grid knows no gaps
   for (const PlanePoint& p : plane.points) {
     const Vector2d r = residual_mm(model, p);
     const bool in = model.in_domain(p.pixel_px);
@@ -146,6 +148,7 @@ void residual_figures(const Context& to, const CalibrationSet& set, const SeenPl
       largest = std::max(largest, r.norm());
       low = low.cwiseMin(p.on_plane_mm);
       high = high.cwiseMax(p.on_plane_mm);
+      block += fmt::format("{:.4f},{:.4f},{:.6f}\n", p.on_plane_mm.x(), p.on_plane_mm.y(), r.norm());
       ++inside;
     }
     csv.integer(p.column).integer(p.row).number(p.on_plane_mm.x(), 4).number(p.on_plane_mm.y(), 4);
@@ -162,27 +165,21 @@ void residual_figures(const Context& to, const CalibrationSet& set, const SeenPl
     Draft map;
     map.figure.name = fmt::format("figure10_residuals_{:g}mm", z);
     map.figure.caption = fmt::format(
-        "Residuals of the ray model {}, interpolated between the points in the calibrated area "
-        "(crosses): contour map and in three dimensions (as figure 10).",
+        "Residuals of the ray model {}, interpolated between the points in the calibrated area: "
+        "contour map and in three dimensions (as figure 10).",
         which);
     map.size = "1300,600";
     map.commands =
-        common +
+        block + "EOD\n" + common +
         fmt::format(
-            "set xrange [{}:{}]\nset yrange [{}:{}]\nset cbrange [0:*]\n"
-            "set dgrid3d 60,60 splines\nset table $surface\n"
-            "splot 'DATA' every ::1 using ($11 == 1 ? $3 : 1/0):4:10\nunset table\nunset dgrid3d\n"
-            "set multiplot layout 1,2\nset view map\nset size ratio -1\nset contour base\n"
-            "set cntrparam levels auto 6\nset pm3d\n"
-            "splot $surface using 1:2:3 with lines lc rgb '#555555' lw 0.7 nosurface, "
-            "'DATA' every ::1 using ($11 == 1 ? $3 : 1/0):4:(0) with points pt 1 ps 0.4 lc rgb "
-            "'#333333' nocontour\n"
+            "set xrange [{}:{}]\nset yrange [{}:{}]\nset cbrange [0:*]\nset zrange [0:*]\n"
+            "set dgrid3d 60,60 splines\nset pm3d\nset multiplot layout 1,2\n"
+            "set view map\nset size ratio -1\nset contour surface\nset cntrparam levels auto 6\n"
+            "splot $inside using 1:2:3 with pm3d nocontour, '' using 1:2:3 with lines lc rgb "
+            "'#444444' lw 0.8 nosurface\n"
             "unset contour\nset view 58,35\nset size noratio\nset xyplane 0\nset zlabel 'residual / "
-            "mm' rotate\nunset colorbox\nset zrange [0:*]\n"
-            "splot $surface using 1:2:3 with pm3d\nunset multiplot\n",
+            "mm' rotate\nunset colorbox\nsplot $inside using 1:2:3 with pm3d\nunset multiplot\n",
             low.x(), high.x(), low.y(), high.y());
-    // gnuplot reads the table with the separator that is set.
-    map.commands = "set datafile separator ','\n" + map.commands;
     to.add(std::move(map), csv);
   }
   Draft arrows;
