@@ -173,7 +173,7 @@ void residual_figures(const Context& to, const CalibrationSet& set, const SeenPl
         block + "EOD\n" + common +
         fmt::format(
             "set xrange [{}:{}]\nset yrange [{}:{}]\nset cbrange [0:*]\nset zrange [0:*]\n"
-            "set dgrid3d 60,60 splines\nset pm3d\nset multiplot layout 1,2\n"
+            "set dgrid3d 40,40 splines\nset pm3d\nset multiplot layout 1,2\n"
             "set view map\nset size ratio -1\nset contour surface\nset cntrparam levels auto 6\n"
             "splot $inside using 1:2:3 with pm3d nocontour, '' using 1:2:3 with lines lc rgb "
             "'#444444' lw 0.8 nosurface\n"

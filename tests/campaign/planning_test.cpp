@@ -101,7 +101,7 @@ TEST(Plan, OfThePublishedCampaignHasItsPosesRepeatsAndTables) {
     ++counts[pose.scenario];
     EXPECT_TRUE(ids.insert(pose.id).second);
   }
-  EXPECT_THAT(counts, ::testing::ElementsAre(15u, 3u * 22u, 3u * 32u, 3u * 170u, 1054u, 1054u));
+  EXPECT_THAT(counts, ::testing::ElementsAre(16u, 3u * 22u, 3u * 32u, 3u * 170u, 1054u, 1054u));
   EXPECT_EQ(plan.scenarios[0].kind, ScenarioKind::kCalibration);
   EXPECT_EQ(plan.scenarios[1].table, std::nullopt);
   EXPECT_EQ(plan.scenarios[2].table, 3);
