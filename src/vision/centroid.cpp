@@ -138,38 +138,4 @@ std::optional<Centroid> windowed_centroid(ImageView image, const Component& comp
   return out;
 }
 
-bool contrast_centroid(ImageView image, const Component& component, bool bright, int margin_px,
-                       Centroid& out) {
-  const PixelBox box = widened(component.box, margin_px);
-  if (!inside(box, image)) return false;
-  const Ground ground = ground_of_rim(image, box);
-  const double noise = std::sqrt(ground.variance), floor = 2.0 * noise;
-  const double sign = bright ? 1.0 : -1.0;
-
-  double sum = 0.0, sum_u = 0.0, sum_v = 0.0, count = 0.0, count_uu = 0.0;
-  const double mid_u = 0.5 * (box.left + box.right), mid_v = 0.5 * (box.top + box.bottom);
-  for (int v = box.top; v <= box.bottom; ++v) {
-    const std::uint8_t* row = image.row(v);
-    for (int u = box.left; u <= box.right; ++u) {
-      const double w = sign * (row[u] - ground.grey);
-      if (w < floor) continue;
-      const double du = u - mid_u, dv = v - mid_v;
-      sum += w;
-      sum_u += w * du;
-      sum_v += w * dv;
-      count += 1.0;
-      count_uu += du * du + dv * dv;
-    }
-  }
-  if (!(sum > 0.0)) return false;
-  const double cu = sum_u / sum, cv = sum_v / sum;
-  const double spread = count_uu - count * (cu * cu + cv * cv);
-  out.centre_px = {mid_u + cu, mid_v + cv};
-  out.sigma_px = noise * std::sqrt(std::max(0.0, 0.5 * spread)) / sum;
-  out.noise_grey = noise;
-  out.contrast_grey = sum / count;
-  out.snr = sum / (noise * std::sqrt(count));
-  return true;
-}
-
 }  // namespace turntable

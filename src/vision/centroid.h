@@ -54,11 +54,4 @@ struct Centroid {
 std::optional<Centroid> windowed_centroid(ImageView image, const Component& component, bool bright,
                                           double electrons_per_grey);
 
-/// Centre of mass of the contrast above two standard deviations of the noise, in the component's box
-/// widened by `margin_px`; unlike above the uncertainty leaves out that the noise decides which
-/// pixels take part.
-/// @return false if the widened box leaves the image or there is no contrast.
-bool contrast_centroid(ImageView image, const Component& component, bool bright, int margin_px,
-                       Centroid& out);
-
 }  // namespace turntable
