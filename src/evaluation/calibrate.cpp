@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 #include <optional>
 
 #include "src/core/errors.h"
@@ -54,6 +55,35 @@ std::vector<CentralModel> central_models(const CalibrationSet& set) {
   return models;
 }
 
+/// What no camera shows, and slips of units and signs do.
+void check_depths(const IrtModel& model, const std::vector<PlanePoint>& points,
+                  const std::string& name) {
+  constexpr double kSteepest = 20.0;  // tan of 87 deg
+  constexpr double kTelecentric = 1e-3;
+  const RayPlanes planes = model.planes();
+  double leans = 0.0, at_a = 0.0, at_b = 0.0;
+  for (const PlanePoint& p : points) {
+    const Ray ray = model.ray(p.pixel_px);
+    leans = std::max(leans, (ray.at_b - ray.at_a).head<2>().norm() / (planes.b_mm - planes.a_mm));
+    at_a += model.mm_per_px(p.pixel_px, planes.a_mm);
+    at_b += model.mm_per_px(p.pixel_px, planes.b_mm);
+  }
+  if (!(leans < kSteepest))
+    throw ConfigError(
+        name, "",
+        fmt::format("the rays between the planes at {:g} and {:g} mm lean up to {:.2f} deg from z, "
+                    "allowed: below 87 deg. Are all heights and spacings in mm, and the heights "
+                    "those of the images?",
+                    planes.a_mm, planes.b_mm, std::atan(leans) * 180.0 / std::numbers::pi));
+  if (at_b > (1.0 + kTelecentric) * at_a)
+    throw ConfigError(
+        name, "",
+        fmt::format("the pattern looks smaller at {:g} mm than at {:g} mm, allowed: heights that "
+                    "grow towards the camera. Change the signs of the heights, or put each image "
+                    "to its own height.",
+                    planes.b_mm, planes.a_mm));
+}
+
 bool same_point(const PlanePoint& a, const PlanePoint& b) {
   return a.row == b.row && a.column == b.column && a.z_mm == b.z_mm;
 }
@@ -94,6 +124,7 @@ Calibration from_planes(const CalibrationSet& set, int order) {
   if (order == kOrderByResiduals) order = choose_order(c.orders);
   const IrtFit fit = fit_irt(fitted, planes, order, set.size);
   check_handedness(fit.model, set.name);
+  check_depths(fit.model, fitted, set.name);
   c.set_irt(fit, fitted);
   for (const SeenPlane& plane : set.planes)
     if (!plane.fit) c.planes.push_back(kept_out_residual(fit.model, plane));
@@ -185,7 +216,16 @@ Calibration from_views(const CalibrationSet& set, int order) {
 
 Calibration calibrate(const CalibrationSet& set, int order) {
   if (order == 0) order = set.order;
-  Calibration c = set.planes.empty() ? from_views(set, order) : from_planes(set, order);
+  Calibration c;
+  try {
+    c = set.planes.empty() ? from_views(set, order) : from_planes(set, order);
+  } catch (const ConfigError&) {
+    throw;
+  } catch (const Interrupted&) {
+    throw;
+  } catch (const Error& e) {  // of the fit, which does not know where its points come from
+    throw ConfigError(set.name, "", e.what());
+  }
   c.source = set.source;
   c.simulated = set.simulated;
   c.images = set.images;
