@@ -167,6 +167,8 @@ std::string explain(const Json& value, const Json& schema) {
 }
 
 Json parse_or_throw(std::string_view text, const std::string& name) {
+  if (text.find_first_not_of(" \t\r\n") == std::string_view::npos)
+    throw ConfigError(name, "", "is empty, allowed: JSON. Restore it from a copy.");
   try {
     // JSON lets a key stand twice, and the last one wins: two limits on one axis would pass without
     // a word.
