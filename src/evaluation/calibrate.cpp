@@ -154,11 +154,14 @@ double mm_per_px(const FreeViewsFit& fit, ImageSize size) {
                              0.5 * (planes.a_mm + planes.b_mm));
 }
 
+/// With fewer, none can be kept out.
+constexpr std::size_t kViewsToChoose = 6;
+
 /// One row per order: every third view is kept out, and only its pose is fitted afterwards.
 std::vector<OrderRow> compare_free_orders(std::span<const FreeView> views, ImageSize size) {
   std::vector<FreeView> train, test;
   for (std::size_t i = 0; i < views.size(); ++i)
-    (i % 3 == 2 && views.size() >= 6 ? test : train).push_back(views[i]);
+    (i % 3 == 2 && views.size() >= kViewsToChoose ? test : train).push_back(views[i]);
   std::vector<OrderRow> rows(9);
   parallel_for(rows.size(), [&](std::size_t i) {
     OrderRow& row = rows[i];
@@ -194,12 +197,19 @@ int choose_free_order(std::span<const OrderRow> rows) {
   for (const OrderRow& row : rows)
     if (row.refused.empty() && row.held_out_rms_mm <= 1.05 * best) return row.order;
   throw Error(
-      "the order of the ray model cannot be chosen: fewer than six views, or none that fit. State "
+      "the order of the ray model cannot be chosen: none of them fits. State "
       "polynomial_order, or take more views at different tilts.");
 }
 
 Calibration from_views(const CalibrationSet& set, int order) {
   const std::vector<FreeView> views = free_views(set.views);
+  if (order == kOrderByResiduals && views.size() < kViewsToChoose)
+    throw ConfigError(
+        set.name, "",
+        fmt::format("found {} views, needed {} to choose the order by views kept out. "
+                    "State polynomial_order (or --order), or take more views at "
+                    "different tilts.",
+                    views.size(), kViewsToChoose));
   Calibration c;
   c.orders = compare_free_orders(views, set.size);
   if (order == kOrderByResiduals) order = choose_free_order(c.orders);

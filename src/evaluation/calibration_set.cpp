@@ -511,9 +511,10 @@ class SetReader {
         if (const double apart = (g.on_plane_mm - other.on_plane_mm).norm();
             &g != &other && apart < 2.0 * radius)
           fail("/points/refine/radius_mm",
-               fmt::format("found {:g} mm, allowed: circles that do not touch; those of lines {} and "
-                           "{} are {:g} mm apart.",
-                           radius, g.line, other.line, apart));
+               fmt::format(
+                   "found {:g} mm, allowed: circles that do not touch; those of lines {} and "
+                   "{} are {:g} mm apart.",
+                   radius, g.line, other.line, apart));
     int images = 0, lost = 0;
     for (const Task& task : tasks_) {
       if (task.plane != static_cast<int>(index)) continue;

@@ -21,15 +21,14 @@ Outcome calibrate(const fs::path& source, const fs::path& out, const std::string
                            more);
 }
 
-/// A quick campaign, run once, and a lab's folder with its images: plane_0, plane_130, plane_180
+/// A quick sweep, taken once by the program itself, and a lab's folder with its images: plane_0, plane_130, plane_180
 /// and view_1 to view_6.
 class Calibrate : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     lab_ = new TemporaryFolder;
     const Outcome run = turntable_program(
-        "run scenarios/campaigns/quick.json --rig scenarios/rigs/simulated.json --images full "
-        "--out " +
+        "calibrate scenarios/quick/calibration.json --rig scenarios/rigs/simulated.json --out " +
         (*lab_ / "run").string());
     ASSERT_EQ(run.code, 0) << run.output;
     const std::vector<std::string> names{"plane_0", "plane_130", "plane_180", "view_1", "view_2",
@@ -121,8 +120,6 @@ void expect_calibration(const fs::path& folder, const std::vector<std::string>& 
     EXPECT_TRUE(fs::is_regular_file(folder / file)) << file;
   EXPECT_FALSE(fs::is_empty(folder / "figures"));
   for (const std::string& file : more) EXPECT_TRUE(fs::is_regular_file(folder / file)) << file;
-  EXPECT_EQ(turntable_program("calibrate \"" + (folder / "calibration.json").string() + "\"").code,
-            0);
 }
 
 TEST_F(Calibrate, FromPlanesAndViewsOfALabInAFolderWithSpaces) {
@@ -133,6 +130,9 @@ TEST_F(Calibrate, FromPlanesAndViewsOfALabInAFolderWithSpaces) {
   ASSERT_EQ(outcome.code, 0) << outcome.output;
   expect_calibration(folder / "o p",
                      {"opencv/brown.yml", "tables/orders.csv", "tables/models.csv"});
+  EXPECT_EQ(
+      turntable_program("calibrate \"" + (folder / "o p/calibration.json").string() + "\"").code,
+      0);
   // The paper's residuals are of other planes.
   EXPECT_EQ(slurp(folder / "o p/calibration.md").find("published"), std::string::npos);
 }
@@ -167,19 +167,18 @@ TEST_F(Calibrate, FromARunToOpenCvAndBack) {
 
   const std::string yml = slurp(camera);
   spill(lab("cut.yml"), yml.substr(0, yml.size() / 2));
-  spill(lab("void.yml"), "");
   for (const Misuse& misuse : std::vector<Misuse>{
            {camera.string(), "", {"--planes", "brown.yml", "-800,-600"}},
            {camera.string(), "--planes=-500,-700", {"--planes", "-500,-700", "farther one first"}},
-           {camera.string(), "--planes=500,700", {"--planes", "500,700"}},
            {camera.string(), "--planes=-700", {"--planes", "two heights"}},
            {camera.string(), "--planes=-inf,-500", {"--planes", "-inf"}},
            {camera.string(), "--planes=nan,-500", {"--planes", "nan"}},
            {camera.string(), "--planes=-700,-699.9999", {"--planes", "apart by"}},
            {camera.string(), "--planes=-700,-500 --order 3", {"--order"}},
            {camera.string(), "--planes=-700,-500 --rig nowhere.json", {"--rig"}},
-           {lab("cut.yml").string(), "--planes=-700,-500", {"cut.yml", "is not a camera file", "cut off"}},
-           {lab("void.yml").string(), "--planes=-700,-500", {"void.yml", "empty"}},
+           {lab("cut.yml").string(),
+            "--planes=-700,-500",
+            {"cut.yml", "is not a camera file", "cut off"}},
            {(folder / "there/calibration.json").string(), "--order 3", {"--order", "finished"}},
            {(folder / "there/calibration.json").string(), "--planes=-700,-500", {"--planes"}}})
     expect_refused(misuse);
@@ -199,16 +198,11 @@ TEST_F(Calibrate, RefusesMisuseOfSetsWithFileAndPlace) {
       {set(planes(R"("half.png")")), {"half.png", "cut off"}},
       {set(planes(R"("pixel.pgm")")), {"pixel.pgm", "1 x 1 px", "1024 x 1024 px"}},
       {set(planes(R"("copy.png")")), {"copy.png", "the same image as", "plane_130.png"}},
-      {set(planes(R"("plane_180.png", "plane_180.png")")), {"the same image as"}},
       {set(planes(R"("plane_180.png")", "180", "130")), {"set.json", "towards the camera"}},
       {set(planes(R"("plane_180.png")", "0.130", "0.180")), {"set.json", "deg from z", "in mm"}},
       {set(planes(R"("plane_180.png")", "130", "130")), {"/planes/1/z_mm", "twice"}},
       {set(planes(R"("plane_180.png")", "130", "1e300")), {"/planes/1/z_mm", "100000"}},
-      {set(planes(R"("plane_180.png")", "130", "\"180\"")), {"/planes/1/z_mm", "\"180\""}},
-      {set(planes(R"("plane_180.png")", "130", "NaN")), {"set.json", "line"}},
-      {set(planes(), "0"), {"/polynomial_order", "found 0"}},
       {set(R"("image_size_px": [1280, 1024], )" + planes()), {"1024 x 1024", "image_size_px"}},
-      {set(planes() + R"(, "cameras": 2)"), {"unknown key \"cameras\""}},
       {set(views(2)), {"set.json", "found 2", "at least three"}},
       {set(views(5), "\"auto\""), {"set.json", "polynomial_order"}},
       {set(pattern), {"neither planes nor views"}},
@@ -226,7 +220,7 @@ TEST_F(Calibrate, RefusesMisuseOfSetsWithFileAndPlace) {
     spill(lab("set.json"), b.set);
     expect_refused({lab("set.json").string(), "", b.says});
   }
-  for (const std::string order : {"0", "10", "-1", "all", "1e9"})
+  for (const std::string order : {"0", "10", "1e9"})
     expect_refused(
         {lab("points.json").string(), "--order=" + order, {"--order", "\"" + order + "\""}});
   expect_refused({lab("points.json").string(), "--order 9", {"points.json", "order 9", "lower"}});
@@ -260,10 +254,8 @@ TEST_F(Calibrate, RefusesMisuseOfPointsWithFileAndLine) {
            {good + rows, "", {"bad.csv at line 52", "a second time", "line 2"}},
            {with(good, ",261.", ",9261."), "", {"bad.csv at line 2", "pixel", "1024 x 1024"}},
            {good, R"(, "v_counts": "up")", {"left-handed"}},
-           {good, R"(, "v_counts": "left")", {"/points/v_counts", "\"left\""}},
            {good, R"(, "refine": {"circles": "bright", "reach_px": 0})", {"reach_px"}},
            {good, R"(, "refine": {"circles": "bright"})", {"/planes/0", "no images"}},
-           {head, "", {"bad.csv", "no rows"}},
            {"", "", {"bad.csv", "no rows"}},
            {std::string("x\0_", 3) + good, "", {"bad.csv", "no plain text"}},
            {head + line, "", {"bad.json", "strip"}}}) {
