@@ -277,12 +277,12 @@ class SetReader {
       set_.size = {json_.at("image_size_px").at(0), json_.at("image_size_px").at(1)};
     read_planes();
     for (const auto& view : json_.value("views", Json::array())) add_task(view, -1);
-    if (json_.contains("points")) refuse_unused_images();
     if (json_.contains("pattern") == json_.contains("points"))
       fail("",
            "give either \"pattern\" (it is found in the images) or \"points\" (a file of them).");
     if (set_.planes.empty() && json_.value("views", Json::array()).empty())
       fail("", "holds neither planes nor views. List the images.");
+    if (json_.contains("points")) refuse_unused_images();
     if (json_.contains("pattern"))
       read_patterns();
     else
