@@ -1,8 +1,10 @@
 // "turntable calibrate": a camera from whatever there is: a run, a sweep still to be taken, images
 // or points of a lab, an OpenCV camera, a finished calibration.
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
+#include <nlohmann/json.hpp>
 
 #include "src/app/commands.h"
 #include "src/app/progress.h"
@@ -33,16 +35,52 @@ int order_of(const std::string& text) {
 
 RayPlanes planes_of(const std::vector<double>& heights, const fs::path& file) {
   if (heights.empty())
-    throw ConfigError("--planes", "",
-                      fmt::format("is missing: {} says nothing of depths. Give two heights in the "
-                                  "camera's frame, mm, negative in front of it: --planes -800,-600.",
-                                  file.string()));
-  if (heights.size() != 2 || !(heights[0] < heights[1]) || !(heights[1] < 0.0))
-    throw ConfigError("--planes", "",
-                      fmt::format("found {} height(s), allowed: two, the farther one first, both "
-                                  "negative (in front of the camera), mm.",
-                                  heights.size()));
+    throw ConfigError(
+        "--planes", "",
+        fmt::format("is missing: {} says nothing of depths. Give two heights in the "
+                    "camera's frame, mm, negative in front of it: --planes -800,-600.",
+                    file.string()));
+  constexpr double kFarthestMm = 1e6, kApart = 1e-3;
+  if (heights.size() != 2 || !(heights[0] >= -kFarthestMm) || !(heights[1] < 0.0) ||
+      !(heights[1] - heights[0] >= -kApart * heights[0]))
+    throw ConfigError(
+        "--planes", "",
+        fmt::format("found {}, allowed: two heights, mm, the farther one first, from {} to below 0 "
+                    "(in front of the camera), apart by at least {} of the farther one.",
+                    fmt::join(heights, ","), -kFarthestMm, kApart));
   return {heights[0], heights[1]};
+}
+
+/// Where the calibration will go, checked before the work: a folder that is new, empty, or holds
+/// nothing but an earlier calibration.
+void check_output(const fs::path& out, const fs::path& source) {
+  std::error_code error;
+  for (fs::path at = fs::absolute(out, error); !at.empty(); at = at.parent_path()) {
+    const fs::file_status status = fs::status(at, error);
+    if (fs::is_directory(status)) break;
+    if (fs::exists(status))
+      throw ConfigError(at.string(), "", "is a file. Choose a folder for the calibration (--out).");
+    if (at == at.parent_path()) break;
+  }
+  if (!fs::is_directory(out, error) || fs::is_empty(out, error) ||
+      fs::equivalent(out, source, error))
+    return;
+  if (fs::exists(out / "plan.json", error))
+    throw ConfigError(out.string(), "",
+                      "is the folder of another run, which a calibration is never written over. "
+                      "Choose a new folder (--out).");
+  if (!fs::is_regular_file(out / "calibration.json", error))
+    throw ConfigError(out.string(), "",
+                      "holds other things than a calibration. Choose a new folder (--out).");
+}
+
+/// Calibrations name their source, in JSON.
+void check_name(const fs::path& source) {
+  try {
+    (void)Json(source.string()).dump();
+  } catch (const Json::exception&) {
+    throw ConfigError(source.string(), "", "has a name that is not UTF-8. Rename it.");
+  }
 }
 
 void refuse(bool given, const char* option, const char* why) {
@@ -60,28 +98,43 @@ int calibrate_command(const CalibrateArguments& a) {
   std::optional<CalibrationSet> set;
   Calibration calibration;
   fs::path out = a.out;
-  if (fs::is_directory(a.source)) {
+  check_name(a.source);
+  refuse(!a.planes_mm.empty() && !is_opencv_file(a.source), "--planes",
+         "goes with an OpenCV camera; other sources state their planes.");
+  const auto refuse_rig = [&] {
+    refuse(!a.rig.empty(), "--rig", "goes with a calibration scenario; this source needs no rig.");
+  };
+  const auto write_to = [&](const fs::path& by_default) {
+    if (out.empty()) out = by_default;
+    if (!out.empty()) check_output(out, a.source);
+  };
+  std::error_code error;
+  if (fs::is_directory(a.source, error)) {
+    refuse_rig();
     const RunFolder folder = RunFolder::open(a.source);
+    write_to(folder.root());
     const RunRecord record = read_run(folder);
     const RigFile rig = parse_rig_file(record.plan.rig.text, record.plan.rig.file, folder.root());
     set = sweep_set(record, folder, rig, progress);
-    if (out.empty()) out = folder.root();
   } else if (is_opencv_file(a.source)) {
+    refuse_rig();
     refuse(asked >= 0, "--order", "is chosen by the misfit when an OpenCV camera is taken over.");
+    write_to(fs::path("results") / "calibrations" / a.source.stem());
     const CentralModel model = load_opencv_yaml(a.source);
     calibration =
         calibration_from_central(model, planes_of(a.planes_mm, a.source), a.source.string());
-    if (out.empty()) out = fs::path("results") / "calibrations" / a.source.stem();
   } else {
     const std::string format = format_of(a.source);
     if (format == "calibration") {
       refuse(asked >= 0, "--order", "goes with images or points; this camera is finished.");
+      refuse_rig();
+      write_to({});
       calibration = load_calibration(a.source);
     } else if (format == "calibration-set") {
+      refuse_rig();
+      write_to(fs::path("results") / "calibrations" / a.source.stem());
       set = load_calibration_set(a.source, progress);
-      if (out.empty()) out = fs::path("results") / "calibrations" / a.source.stem();
-    } else if (format == "scenario" &&
-               load_scenario(a.source).kind == ScenarioKind::kCalibration) {
+    } else if (format == "scenario" && load_scenario(a.source).kind == ScenarioKind::kCalibration) {
       refuse(asked >= 0, "--order",
              "goes with a run folder; a scenario states its own polynomial_order.");
       if (a.rig.empty())
@@ -97,8 +150,6 @@ int calibrate_command(const CalibrateArguments& a) {
                         "calibration set, a calibration file, or an OpenCV camera (.yml).");
     }
   }
-  refuse(!a.planes_mm.empty() && !is_opencv_file(a.source), "--planes",
-         "goes with an OpenCV camera; other sources state their planes.");
   if (set) {
     if (asked >= 0) set->order = asked;
     calibration = calibrate(*set);

@@ -41,8 +41,8 @@ Json inlined(const Json& node, const Json& document, bool own) {
     const Json::json_pointer place(reference.substr(hash + 1));
     if (hash > 0) {
       constexpr std::string_view kEnding = ".schema.json";
-      const Json other = Json::parse(schema_text(
-          std::string_view(reference).substr(0, hash - kEnding.size())));
+      const Json other =
+          Json::parse(schema_text(std::string_view(reference).substr(0, hash - kEnding.size())));
       return inlined(other.at(place), other, false);
     }
     if (!own) return inlined(document.at(place), document, false);
@@ -167,6 +167,8 @@ std::string explain(const Json& value, const Json& schema) {
 }
 
 Json parse_or_throw(std::string_view text, const std::string& name) {
+  if (text.find_first_not_of(" \t\r\n") == std::string_view::npos)
+    throw ConfigError(name, "", "is empty, allowed: JSON. Restore it from a copy.");
   try {
     // JSON lets a key stand twice, and the last one wins: two limits on one axis would pass without
     // a word.
@@ -204,8 +206,15 @@ Json parse_or_throw(std::string_view text, const std::string& name) {
 }  // namespace
 
 std::string read_text(const std::filesystem::path& file) {
+  std::error_code error;
+  const auto status = std::filesystem::status(file, error);
+  if (std::filesystem::is_directory(status))
+    throw ConfigError(file.string(), "", "is a folder, allowed: a file. Check the path.");
+  // Opening a pipe would wait for its writer, reading a device may never end.
+  if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status))
+    throw ConfigError(file.string(), "", "is a device or a pipe, allowed: a file. Check the path.");
   std::ifstream in(file, std::ios::binary);
-  if (!in || std::filesystem::is_directory(file))
+  if (!in)
     throw ConfigError(file.string(), "",
                       "cannot be read: no such file, or no permission. Check the path.");
   std::ostringstream text;

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 #include <optional>
 
 #include "src/core/errors.h"
@@ -54,6 +55,35 @@ std::vector<CentralModel> central_models(const CalibrationSet& set) {
   return models;
 }
 
+/// What no camera shows, and slips of units and signs do.
+void check_depths(const IrtModel& model, const std::vector<PlanePoint>& points,
+                  const std::string& name) {
+  constexpr double kSteepest = 20.0;  // tan of 87 deg
+  constexpr double kTelecentric = 1e-3;
+  const RayPlanes planes = model.planes();
+  double leans = 0.0, at_a = 0.0, at_b = 0.0;
+  for (const PlanePoint& p : points) {
+    const Ray ray = model.ray(p.pixel_px);
+    leans = std::max(leans, (ray.at_b - ray.at_a).head<2>().norm() / (planes.b_mm - planes.a_mm));
+    at_a += model.mm_per_px(p.pixel_px, planes.a_mm);
+    at_b += model.mm_per_px(p.pixel_px, planes.b_mm);
+  }
+  if (!(leans < kSteepest))
+    throw ConfigError(
+        name, "",
+        fmt::format("the rays between the planes at {:g} and {:g} mm lean up to {:.2f} deg from z, "
+                    "allowed: below 87 deg. Are all heights and spacings in mm, and the heights "
+                    "those of the images?",
+                    planes.a_mm, planes.b_mm, std::atan(leans) * 180.0 / std::numbers::pi));
+  if (at_b > (1.0 + kTelecentric) * at_a)
+    throw ConfigError(
+        name, "",
+        fmt::format("the pattern looks smaller at {:g} mm than at {:g} mm, allowed: heights that "
+                    "grow towards the camera. Change the signs of the heights, or put each image "
+                    "to its own height.",
+                    planes.b_mm, planes.a_mm));
+}
+
 bool same_point(const PlanePoint& a, const PlanePoint& b) {
   return a.row == b.row && a.column == b.column && a.z_mm == b.z_mm;
 }
@@ -94,6 +124,7 @@ Calibration from_planes(const CalibrationSet& set, int order) {
   if (order == kOrderByResiduals) order = choose_order(c.orders);
   const IrtFit fit = fit_irt(fitted, planes, order, set.size);
   check_handedness(fit.model, set.name);
+  check_depths(fit.model, fitted, set.name);
   c.set_irt(fit, fitted);
   for (const SeenPlane& plane : set.planes)
     if (!plane.fit) c.planes.push_back(kept_out_residual(fit.model, plane));
@@ -123,11 +154,14 @@ double mm_per_px(const FreeViewsFit& fit, ImageSize size) {
                              0.5 * (planes.a_mm + planes.b_mm));
 }
 
+/// With fewer, none can be kept out.
+constexpr std::size_t kViewsToChoose = 6;
+
 /// One row per order: every third view is kept out, and only its pose is fitted afterwards.
 std::vector<OrderRow> compare_free_orders(std::span<const FreeView> views, ImageSize size) {
   std::vector<FreeView> train, test;
   for (std::size_t i = 0; i < views.size(); ++i)
-    (i % 3 == 2 && views.size() >= 6 ? test : train).push_back(views[i]);
+    (i % 3 == 2 && views.size() >= kViewsToChoose ? test : train).push_back(views[i]);
   std::vector<OrderRow> rows(9);
   parallel_for(rows.size(), [&](std::size_t i) {
     OrderRow& row = rows[i];
@@ -163,12 +197,19 @@ int choose_free_order(std::span<const OrderRow> rows) {
   for (const OrderRow& row : rows)
     if (row.refused.empty() && row.held_out_rms_mm <= 1.05 * best) return row.order;
   throw Error(
-      "the order of the ray model cannot be chosen: fewer than six views, or none that fit. State "
+      "the order of the ray model cannot be chosen: none of them fits. State "
       "polynomial_order, or take more views at different tilts.");
 }
 
 Calibration from_views(const CalibrationSet& set, int order) {
   const std::vector<FreeView> views = free_views(set.views);
+  if (order == kOrderByResiduals && views.size() < kViewsToChoose)
+    throw ConfigError(
+        set.name, "",
+        fmt::format("found {} views, needed {} to choose the order by views kept out. "
+                    "State polynomial_order (or --order), or take more views at "
+                    "different tilts.",
+                    views.size(), kViewsToChoose));
   Calibration c;
   c.orders = compare_free_orders(views, set.size);
   if (order == kOrderByResiduals) order = choose_free_order(c.orders);
@@ -185,7 +226,16 @@ Calibration from_views(const CalibrationSet& set, int order) {
 
 Calibration calibrate(const CalibrationSet& set, int order) {
   if (order == 0) order = set.order;
-  Calibration c = set.planes.empty() ? from_views(set, order) : from_planes(set, order);
+  Calibration c;
+  try {
+    c = set.planes.empty() ? from_views(set, order) : from_planes(set, order);
+  } catch (const ConfigError&) {
+    throw;
+  } catch (const Interrupted&) {
+    throw;
+  } catch (const Error& e) {  // of the fit, which does not know where its points come from
+    throw ConfigError(set.name, "", e.what());
+  }
   c.source = set.source;
   c.simulated = set.simulated;
   c.images = set.images;

@@ -9,6 +9,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <numeric>
+#include <span>
 
 #include "src/core/errors.h"
 #include "src/core/json_document.h"
@@ -27,14 +28,13 @@ using Name = std::array<int, 2>;  ///< row, column
 /// What one image shows.
 struct Seen {
   PatternSearch search;
-  ImageSize size;
 };
 
 Seen see_pattern(const Image& image, const std::string& file, const PatternConfig& pattern,
                  double electrons_per_grey, const char* advice) {
   PatternOptions options;
   options.electrons_per_grey = electrons_per_grey;
-  Seen seen{find_pattern(image, pattern, options), image.size()};
+  Seen seen{find_pattern(image, pattern, options)};
   if (seen.search.status != PatternStatus::kFound)
     throw ConfigError(
         file, "",
@@ -181,10 +181,9 @@ CalibrationSet sweep_set(const RunRecord& record, const RunFolder& folder, const
     const Image image = load_image(folder, *tasks[i].taken);
     const std::string file = (folder.root() / tasks[i].taken->file).string();
     if (image.size() != set.size)
-      throw ConfigError(
-          file, "",
-          fmt::format("found {} x {} px, allowed: {} x {} px as the rig file says.", image.width,
-                      image.height, set.size.width, set.size.height));
+      throw ConfigError(file, "",
+                        fmt::format("found {} x {} px, allowed: {} x {} px as the rig file says.",
+                                    image.width, image.height, set.size.width, set.size.height));
     tasks[i].seen = see_pattern(image, file, rig.pattern, rig.camera.electrons_per_grey,
                                 "the pattern section of the rig file");
     ++done;
@@ -270,7 +269,8 @@ class SetReader {
     set_.source = fmt::format("{} ({} {})", json_.at("name").get<std::string>(),
                               std::filesystem::path(file_).filename().string(),
                               sha256_hex(json_.dump()).substr(0, 12));
-    const Json& order = json_.contains("polynomial_order") ? json_.at("polynomial_order") : Json("auto");
+    const Json& order =
+        json_.contains("polynomial_order") ? json_.at("polynomial_order") : Json("auto");
     set_.order = order.is_string() ? kOrderByResiduals : order.get<int>();
     set_.simulated = json_.value("simulated", false);
     if (json_.contains("image_size_px"))
@@ -278,9 +278,11 @@ class SetReader {
     read_planes();
     for (const auto& view : json_.value("views", Json::array())) add_task(view, -1);
     if (json_.contains("pattern") == json_.contains("points"))
-      fail("", "give either \"pattern\" (it is found in the images) or \"points\" (a file of them).");
+      fail("",
+           "give either \"pattern\" (it is found in the images) or \"points\" (a file of them).");
     if (set_.planes.empty() && json_.value("views", Json::array()).empty())
       fail("", "holds neither planes nor views. List the images.");
+    if (json_.contains("points")) refuse_unused_images();
     if (json_.contains("pattern"))
       read_patterns();
     else
@@ -304,6 +306,17 @@ class SetReader {
 
   void add_task(const Json& name, int plane) {
     tasks_.push_back({(folder_ / name.get<std::string>()).string(), plane});
+  }
+
+  /// What would be passed over without a word.
+  void refuse_unused_images() const {
+    if (json_.contains("views"))
+      fail("/views", "goes with \"pattern\": points are stated on planes only. Remove it.");
+    if (json_.at("points").contains("refine")) return;
+    for (const Task& task : tasks_)
+      fail(fmt::format("/planes/{}/images", task.plane),
+           "goes with \"refine\" or \"pattern\"; points are taken as they are. Remove it, or add "
+           "\"refine\" to points.");
   }
 
   void read_planes() {
@@ -332,10 +345,19 @@ class SetReader {
   void look_at_images(Look&& look) {
     std::atomic<std::size_t> done{0};
     set_.images.resize(tasks_.size());
+    const bool stated = set_.size.width > 0;
+    if (!stated && !tasks_.empty()) set_.size = import_image(tasks_.front().file).size();
     parallel_for(tasks_.size(), [&](std::size_t i) {
       Task& task = tasks_[i];
       const Image image = import_image(task.file);
-      task.seen.size = image.size();
+      if (image.size() != set_.size)
+        throw ConfigError(
+            task.file, "",
+            fmt::format(
+                "found {} x {} px, allowed: {} x {} px as {}. Images of one camera have one "
+                "size.",
+                image.width, image.height, set_.size.width, set_.size.height,
+                stated ? "image_size_px says" : tasks_.front().file + " has"));
       set_.images[i] = {std::filesystem::path(task.file).lexically_relative(folder_).string(),
                         sha256_hex(read_text(task.file))};
       if (set_.images[i].file.empty()) set_.images[i].file = task.file;
@@ -343,24 +365,26 @@ class SetReader {
       ++done;
       if (progress_) progress_(done, tasks_.size());
     });
-    for (const Task& task : tasks_) {
-      if (set_.size.width == 0) set_.size = task.seen.size;
-      if (task.seen.size != set_.size)
-        throw ConfigError(task.file, "",
-                          fmt::format("found {} x {} px, allowed: {} x {} px as {}. Images of one "
-                                      "camera have one size.",
-                                      task.seen.size.width, task.seen.size.height, set_.size.width,
-                                      set_.size.height,
-                                      json_.contains("image_size_px") ? "image_size_px says"
-                                                                      : "the first image has"));
-    }
+    refuse_same_images();
+  }
+
+  /// One image counted twice would seem to confirm itself, and on two planes it contradicts itself.
+  void refuse_same_images() const {
+    std::map<std::string, std::string> files;
+    for (std::size_t i = 0; i < tasks_.size(); ++i)
+      if (const auto [it, added] = files.try_emplace(set_.images[i].sha256, tasks_[i].file); !added)
+        throw ConfigError(tasks_[i].file, "",
+                          fmt::format("is the same image as {}, allowed: each image once. Take one "
+                                      "of them out of the set.",
+                                      it->second));
   }
 
   void read_patterns() {
     const PatternConfig pattern = parse_pattern(json_, file_);
     set_.spacing_mm = pattern.spacing_mm;
     for (std::size_t i = 0; i < set_.planes.size(); ++i)
-      if (std::ranges::none_of(tasks_, [&](const Task& t) { return t.plane == static_cast<int>(i); }))
+      if (std::ranges::none_of(tasks_,
+                               [&](const Task& t) { return t.plane == static_cast<int>(i); }))
         fail(fmt::format("/planes/{}", i), "has no images to find the pattern in.");
     look_at_images([&](Task& task, const Image& image) {
       task.seen = see_pattern(image, task.file, pattern, json_.value("electrons_per_grey", 0.0),
@@ -388,18 +412,20 @@ class SetReader {
             some, set_.planes[i].z_mm, means[i].images()));
     }
     if (quarter > 0)
-      set_.remarks.push_back(fmt::format(
-          "The pattern looks the same after a quarter turn: in {} images the reading whose x points "
-          "most nearly to the right was taken.",
-          quarter));
+      set_.remarks.push_back(
+          fmt::format("The pattern looks the same after a quarter turn: in {} images the reading "
+                      "whose x points "
+                      "most nearly to the right was taken.",
+                      quarter));
     else if (half > 0)
-      set_.remarks.push_back(fmt::format(
-          "The pattern looks the same after half a turn (180 deg): in {} images the reading whose x "
-          "points most nearly to the right was taken.",
-          half));
+      set_.remarks.push_back(
+          fmt::format("The pattern looks the same after half a turn (180 deg): in {} images the "
+                      "reading whose x "
+                      "points most nearly to the right was taken.",
+                      half));
     const Task& first = tasks_.front();
-    set_.example =
-        PatternExample{set_.images.front().file, import_image(first.file), first.seen.search.points};
+    set_.example = PatternExample{set_.images.front().file, import_image(first.file),
+                                  first.seen.search.points};
   }
 
   void read_points() {
@@ -411,8 +437,7 @@ class SetReader {
     const bool refine = section.contains("refine");
     if (refine)
       look_at_images([&](Task& task, const Image& image) {
-        task.circles =
-            find_circles(image, section.at("refine").at("circles") == "bright").circles;
+        task.circles = find_circles(image, section.at("refine").at("circles") == "bright").circles;
       });
     const bool up = section.value("v_counts", "down") == "up";
     if (up && set_.size.height == 0)
@@ -423,10 +448,27 @@ class SetReader {
       if (std::ranges::none_of(set_.planes, [&](const SeenPlane& p) {
             return std::abs(p.z_mm - table.at("z_mm")[row]) < 1e-6;
           }))
-        throw ConfigError(name, fmt::format("line {}", table.lines[row]),
-                          fmt::format("found z = {} mm, which no entry of planes has. Add the plane, "
-                                      "or take the point out.",
-                                      table.at("z_mm")[row]));
+        throw ConfigError(
+            name, fmt::format("line {}", table.lines[row]),
+            fmt::format("found z = {} mm, which no entry of planes has. Add the plane, "
+                        "or take the point out.",
+                        table.at("z_mm")[row]));
+  }
+
+  void check_guide(const Vector2d& pixel_px, double sigma_px, int line,
+                   const std::string& name) const {
+    const ImageSize size = set_.size;
+    if (size.width > 0 && !(pixel_px.x() >= -0.5 && pixel_px.x() <= size.width - 0.5 &&
+                            pixel_px.y() >= -0.5 && pixel_px.y() <= size.height - 0.5))
+      throw ConfigError(
+          name, fmt::format("line {}", line),
+          fmt::format("found the pixel ({:g}, {:g}), v counted downward, allowed: "
+                      "inside the image of {} x {} px. Check u_px, v_px, v_counts and "
+                      "image_size_px.",
+                      pixel_px.x(), pixel_px.y(), size.width, size.height));
+    if (sigma_px < 0.0)
+      throw ConfigError(name, fmt::format("line {}, column sigma_px", line),
+                        fmt::format("found {}, allowed: above 0, or 0 for unknown.", sigma_px));
   }
 
   void read_plane_points(std::size_t index, const NumberTable& table, const std::string& name,
@@ -445,6 +487,14 @@ class SetReader {
                         {table.at("x_mm")[row], table.at("y_mm")[row]},
                         {table.at("u_px")[row], up ? set_.size.height - 1 - v : v},
                         table.has("sigma_px") ? table.at("sigma_px")[row] : 0.0});
+      check_guide(guides.back().pixel_px, guides.back().sigma_px, guides.back().line, name);
+      for (const Guide& other : std::span(guides).first(guides.size() - 1))
+        if (other.on_plane_mm == guides.back().on_plane_mm)
+          throw ConfigError(
+              name, fmt::format("line {}", guides.back().line),
+              fmt::format("found the point ({:g}, {:g}, {:g}) mm a second time, first "
+                          "in line {}. State each point once.",
+                          other.on_plane_mm.x(), other.on_plane_mm.y(), plane.z_mm, other.line));
     }
     if (guides.empty())
       fail(fmt::format("/planes/{}", index), fmt::format("has no points in {}.", name));
@@ -456,6 +506,15 @@ class SetReader {
       return;
     }
     const double reach = refine->value("reach_px", 5.0), radius = refine->value("radius_mm", 0.0);
+    for (const Guide& g : guides)
+      for (const Guide& other : guides)
+        if (const double apart = (g.on_plane_mm - other.on_plane_mm).norm();
+            &g != &other && apart < 2.0 * radius)
+          fail("/points/refine/radius_mm",
+               fmt::format(
+                   "found {:g} mm, allowed: circles that do not touch; those of lines {} and "
+                   "{} are {:g} mm apart.",
+                   radius, g.line, other.line, apart));
     int images = 0, lost = 0;
     for (const Task& task : tasks_) {
       if (task.plane != static_cast<int>(index)) continue;
@@ -466,7 +525,8 @@ class SetReader {
       for (std::size_t k = 0; k < guides.size(); ++k) {
         double nearest = reach;
         for (std::size_t c = 0; c < task.circles.size(); ++c)
-          if (const double d = (task.circles[c].centre_px - guides[k].pixel_px).norm(); d <= nearest) {
+          if (const double d = (task.circles[c].centre_px - guides[k].pixel_px).norm();
+              d <= nearest) {
             nearest = d;
             found[k] = static_cast<int>(c);
           }
@@ -492,8 +552,8 @@ class SetReader {
         Vector2d centre = circle->centre_px;
         if (correct) centre -= centroid_bias_px(map.at(on_plane[m]), radius);
         mean.add({0, guides[k].line}, guides[k].on_plane_mm, centre, circle->sigma_px);
-        example.points.push_back({guides[k].line, 0, guides[k].on_plane_mm, centre,
-                                  circle->sigma_px, circle->box});
+        example.points.push_back(
+            {guides[k].line, 0, guides[k].on_plane_mm, centre, circle->sigma_px, circle->box});
       }
       if (!set_.example) {
         example.file = set_.images[static_cast<std::size_t>(&task - tasks_.data())].file;
@@ -509,10 +569,10 @@ class SetReader {
                                          "{:g} mm. Check v_counts, circles and reach_px.",
                                          reach, plane.z_mm));
     if (lost > 0)
-      set_.remarks.push_back(
-          fmt::format("{} of {} guides on the plane at {:g} mm have no circle of their own within {} "
-                      "px and are left out.",
-                      lost, guides.size() * static_cast<std::size_t>(images), plane.z_mm, reach));
+      set_.remarks.push_back(fmt::format(
+          "{} of {} guides on the plane at {:g} mm have no circle of their own within {} "
+          "px and are left out.",
+          lost, guides.size() * static_cast<std::size_t>(images), plane.z_mm, reach));
   }
 
   std::string file_;

@@ -272,8 +272,8 @@ void check_handedness(const IrtModel& model, const std::string& name) {
                                   "(y up, z towards the camera, v down the image). Attitudes would "
                                   "come out mirrored. If the "
                                   "coefficients count v upwards, state \"v_direction\": \"up\"; if "
-                                  "the pattern's y runs down, "
-                                  "correct its direction circles in the rig file.",
+                                  "the points of a calibration set do, \"v_counts\": \"up\"; if "
+                                  "the pattern's y runs down, correct its direction circles.",
                                   low, high));
   if (high >= 0.0)
     throw ConfigError(

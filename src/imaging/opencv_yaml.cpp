@@ -128,8 +128,10 @@ CentralModel parse_opencv_yaml(const std::string& text, const std::string& name)
   cv::FileStorage file;
   try {
     file.open(text, cv::FileStorage::READ | cv::FileStorage::MEMORY);
-  } catch (const cv::Exception& e) {
-    throw ConfigError(name, "", fmt::format("is not a camera file of OpenCV: {}.", e.err));
+  } catch (const cv::Exception&) {
+    throw ConfigError(name, "",
+                      "is not a camera file of OpenCV: empty, cut off, or no YAML, XML or JSON. "
+                      "Write it again with OpenCV.");
   }
   if (!file.isOpened() || !file.root().isMap())
     throw ConfigError(name, "",

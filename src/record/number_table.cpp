@@ -32,6 +32,8 @@ NumberTable read_number_table(const std::filesystem::path& file,
                               const std::vector<std::string>& required,
                               const std::vector<std::string>& optional) {
   const std::string text = read_text(file), name = file.string();
+  if (text.find('\0') != std::string::npos)
+    throw ConfigError(name, "", "is no plain text. Save the table as CSV in UTF-8.");
   NumberTable table;
   std::vector<std::string> header;
   std::vector<std::pair<std::size_t, std::vector<double>*>> wanted;
@@ -54,9 +56,12 @@ NumberTable read_number_table(const std::filesystem::path& file,
           if (std::ranges::find(required, column) == required.end()) continue;
           throw ConfigError(name, fmt::format("line {}", line),
                             fmt::format("column \"{}\" is missing; found: {}. Name the columns in "
-                                        "the first line.",
+                                        "the first line, separated by commas.",
                                         column, fmt::join(header, ", ")));
         }
+        if (std::ranges::count(header, column) > 1)
+          throw ConfigError(name, fmt::format("line {}", line),
+                            fmt::format("column \"{}\" stands twice. Rename one of them.", column));
         wanted.emplace_back(found - header.begin(), &table.columns[column]);
       }
       continue;

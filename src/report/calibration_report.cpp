@@ -4,6 +4,7 @@
 
 #include <cmath>
 
+#include "src/core/errors.h"
 #include "src/imaging/monomial_table.h"
 #include "src/imaging/opencv_yaml.h"
 #include "src/record/atomic_file.h"
@@ -21,21 +22,26 @@ std::string cell(double value, int decimals) {
 
 std::string planes_text(const Calibration& c) {
   if (c.planes.empty()) return {};
-  std::string md =
-      "| plane / mm | used for | points | rms / mm | max / mm | published max / mm |\n"
-      "|--:|---|--:|--:|--:|--:|\n";
+  // The published residuals are of the published planes: they say nothing of a lab's own.
+  const bool sweep = !c.stage.empty();
+  std::string md = fmt::format(
+      "| plane / mm | used for | points | rms / mm | max / mm |{}\n"
+      "|--:|---|--:|--:|--:|{}\n",
+      sweep ? " published max / mm |" : "", sweep ? "--:|" : "");
   for (const PlaneResidual& p : c.planes) {
     const auto it = published_plane_residuals_mm().find(static_cast<int>(std::lround(p.z_mm)));
     const std::string published =
         it == published_plane_residuals_mm().end() ? "" : fixed(it->second, 3);
-    md += fmt::format("| {:.3f} | {} | {} | {} | {} | {} |\n", p.z_mm, p.fitted ? "fit" : "check",
-                      p.points, cell(p.rms_mm, 4), cell(p.max_mm, 4), published);
+    md += fmt::format("| {:.3f} | {} | {} | {} | {} |{}\n", p.z_mm, p.fitted ? "fit" : "check",
+                      p.points, cell(p.rms_mm, 4), cell(p.max_mm, 4),
+                      sweep ? fmt::format(" {} |", published) : "");
   }
   md += "\n";
   for (const PlaneResidual& p : c.planes)
     if (p.fitted && p.coverage < 0.5)
       md += fmt::format(
-          "**The plane at {:.3f} mm shows only a strip**: its points cover {:.0f} % of the area that "
+          "**The plane at {:.3f} mm shows only a strip**: its points cover {:.0f} % of the area "
+          "that "
           "all planes show, and nothing outside that strip is calibrated.\n\n",
           p.z_mm, 100.0 * p.coverage);
   return md;
@@ -45,18 +51,20 @@ std::string fit_text(const Calibration& c) {
   std::string md;
   if (std::isfinite(c.loo_rms_mm))
     md += fmt::format(
-        "Left out one at a time, a point misses its ray by {:.4f} mm rms; the fit's condition number "
+        "Left out one at a time, a point misses its ray by {:.4f} mm rms; the fit's condition "
+        "number "
         "is {:.3g}, its largest leverage {:.2f}.\n",
         c.loo_rms_mm, c.condition, c.max_leverage);
   if (std::isfinite(c.chi2_per_dof))
     md += fmt::format(
-        "Observed over stated variance of the points (chi-square per degree of freedom): {:.2f}. {}\n",
+        "Observed over stated variance of the points (chi-square per degree of freedom): {:.2f}. "
+        "{}\n",
         c.chi2_per_dof,
-        c.chi2_per_dof < 0.8 ? "The points are better than their stated uncertainty."
-        : c.chi2_per_dof <= 1.2
-            ? "The points scatter as their images say they should."
-            : "Something beyond the noise of the images is in the points; the stated uncertainty of "
-              "the rays is widened by the root of it.");
+        c.chi2_per_dof < 0.8    ? "The points are better than their stated uncertainty."
+        : c.chi2_per_dof <= 1.2 ? "The points scatter as their images say they should."
+                                : "Something beyond the noise of the images is in the points; the "
+                                  "stated uncertainty of "
+                                  "the rays is widened by the root of it.");
   if (!md.empty()) md += "\n";
   return md;
 }
@@ -66,7 +74,8 @@ std::string orders_text(const Calibration& c) {
   std::string md =
       "Which order? Training residuals always fall; those of points left out one at a time and of "
       "planes kept out judge.\n\n"
-      "| order | terms | fitted / mm rms | left out / mm rms | kept out / mm rms | kept out / mm max "
+      "| order | terms | fitted / mm rms | left out / mm rms | kept out / mm rms | kept out / mm "
+      "max "
       "| largest leverage | |\n|--:|--:|--:|--:|--:|--:|--:|---|\n";
   int best = 0;
   try {
@@ -75,8 +84,10 @@ std::string orders_text(const Calibration& c) {
   }
   for (const OrderRow& o : c.orders) {
     std::string note = !o.refused.empty() ? "refused: " + o.refused : "";
-    if (o.order == c.irt.order()) note = o.order == best ? "used; what the residuals choose" : "used";
-    else if (o.order == best) note = "what the residuals choose";
+    if (o.order == c.irt.order())
+      note = o.order == best ? "used; what the residuals choose" : "used";
+    else if (o.order == best)
+      note = "what the residuals choose";
     md += fmt::format("| {} | {} | {} | {} | {} | {} | {} | {} |\n", o.order, o.terms,
                       cell(o.rms_mm, 4), cell(o.loo_rms_mm, 4), cell(o.held_out_rms_mm, 4),
                       cell(o.held_out_max_mm, 4), cell(o.max_leverage, 2), note);
@@ -88,14 +99,14 @@ std::string models_text(const Calibration& c) {
   if (c.models.empty()) return {};
   std::string md =
       "Camera models on the same points, which none of them has seen:\n\n"
-      "| model | parameters | fitted / mm rms | kept out / mm rms | kept out / mm max | kept out / px "
+      "| model | parameters | fitted / mm rms | kept out / mm rms | kept out / mm max | kept out / "
+      "px "
       "rms | kept out / px max |\n|---|--:|--:|--:|--:|--:|--:|\n";
   std::string why;
   for (const ModelRow& m : c.models) {
     md += fmt::format("| {} | {} | {} | {} | {} | {} | {} |\n", m.name, m.parameters,
-                      cell(m.fit_rms_mm, 4), cell(m.held_out_rms_mm, 4),
-                      cell(m.held_out_max_mm, 4), cell(m.held_out_rms_px, 3),
-                      cell(m.held_out_max_px, 3));
+                      cell(m.fit_rms_mm, 4), cell(m.held_out_rms_mm, 4), cell(m.held_out_max_mm, 4),
+                      cell(m.held_out_rms_px, 3), cell(m.held_out_max_px, 3));
     if (!m.why_not.empty()) why += fmt::format("{}: {}\n\n", m.name, m.why_not);
   }
   return md + "\n" + why;
@@ -104,9 +115,10 @@ std::string models_text(const Calibration& c) {
 std::string central_text(const Calibration& c) {
   std::string md;
   for (const CentralModel& m : c.central)
-    md += fmt::format("- {}: {:.4f} px rms over {} views; f = ({:.2f}, {:.2f}) px, centre ({:.2f}, "
-                      "{:.2f}) px\n",
-                      central_name(m.kind), m.rms_px, m.views, m.fx, m.fy, m.cx, m.cy);
+    md += fmt::format(
+        "- {}: {:.4f} px rms over {} views; f = ({:.2f}, {:.2f}) px, centre ({:.2f}, "
+        "{:.2f}) px\n",
+        central_name(m.kind), m.rms_px, m.views, m.fx, m.fy, m.cx, m.cy);
   return md.empty() ? md : "Central models, fitted to all views:\n\n" + md + "\n";
 }
 
@@ -116,13 +128,21 @@ std::string stage_text(const Calibration& c) {
       "| stage asked / mm | read back / mm | visits | drift read back / mm | drift seen / px |\n"
       "|--:|--:|--:|--:|--:|\n";
   for (const PlaneVisits& s : c.stage)
-    md += s.visits > 1 ? fmt::format("| {:.3f} | {:.5f} | {} | {:.5f} | ({:.4f}, {:.4f}) |\n", s.z_mm,
-                                     s.stage_mm, s.visits, s.drift_mm, s.drift_px.x(),
-                                     s.drift_px.y())
-                       : fmt::format("| {:.3f} | {:.5f} | 1 | - | - |\n", s.z_mm, s.stage_mm);
+    md += s.visits > 1
+              ? fmt::format("| {:.3f} | {:.5f} | {} | {:.5f} | ({:.4f}, {:.4f}) |\n", s.z_mm,
+                            s.stage_mm, s.visits, s.drift_mm, s.drift_px.x(), s.drift_px.y())
+              : fmt::format("| {:.3f} | {:.5f} | 1 | - | - |\n", s.z_mm, s.stage_mm);
   return md +
          "\nDrift: last visit minus first. The mean shift of the pattern's points shows what moved "
          "between camera and pattern, whatever the stage says.\n\n";
+}
+
+void make_folder(const fs::path& folder) {
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (error)
+    throw RecordError(fmt::format("{}: cannot be created: {}. Choose a folder that can be written.",
+                                  folder.string(), error.message()));
 }
 
 }  // namespace
@@ -150,8 +170,14 @@ std::string calibration_text(const Calibration& c) {
 
 std::filesystem::path write_calibration_report(const fs::path& folder, const Calibration& c,
                                                const std::optional<CalibrationSet>& set) {
-  fs::create_directories(folder / "figures");
-  fs::create_directories(folder / "tables");
+  make_folder(folder / "figures");
+  make_folder(folder / "tables");
+  // Those of an earlier calibration in the same folder that this one may not have.
+  std::error_code ignored;
+  for (const char* table : {"orders.csv", "models.csv"})
+    fs::remove(folder / "tables" / table, ignored);
+  for (const CentralKind kind : kCentralKinds)
+    fs::remove(folder / "opencv" / fmt::format("{}.yml", central_name(kind)), ignored);
   write_atomically(folder / "calibration.json", calibration_to_json(c));
   const MonomialTable ours{"ours", c.irt.order(), c.irt.monomials(VDirection::kDown)};
   write_atomically(folder / "tables" / "table1.csv", monomials_to_csv({&ours, 1}));
@@ -168,7 +194,7 @@ std::filesystem::path write_calibration_report(const fs::path& folder, const Cal
     }
     csv.write(folder / "tables" / "models.csv");
   }
-  if (!c.central.empty()) fs::create_directories(folder / "opencv");
+  if (!c.central.empty()) make_folder(folder / "opencv");
   for (const CentralModel& m : c.central)
     write_atomically(folder / "opencv" / fmt::format("{}.yml", central_name(m.kind)),
                      to_opencv_yaml(m));

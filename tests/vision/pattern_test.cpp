@@ -162,9 +162,10 @@ TEST(Pattern, WithTheWrongYDirectionIsRecognisedAsMirrored) {
 void cover(const SimulatedView& view, Image& image, int column, int row, int reach = 28) {
   const double spacing = view.rig().pattern.spacing_mm;
   const Vector2d at = view.pixel_of({column * spacing, row * spacing, 0});
-  for (int v = -reach; v <= reach; ++v)
-    for (int u = -reach; u <= reach; ++u)
-      image.row(static_cast<int>(at.y()) + v)[static_cast<int>(at.x()) + u] = 25;
+  const int u0 = static_cast<int>(at.x()), v0 = static_cast<int>(at.y());
+  for (int v = std::max(0, v0 - reach); v <= std::min(image.height - 1, v0 + reach); ++v)
+    for (int u = std::max(0, u0 - reach); u <= std::min(image.width - 1, u0 + reach); ++u)
+      image.row(v)[u] = 25;
 }
 
 /// Adds a bright disc at a lattice position.
