@@ -6,11 +6,15 @@
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <string>
+#include <vector>
 
 #include "src/attitude/correspondence.h"
+#include "src/core/parallel.h"
 #include "src/vision/pattern.h"
 #include "src/vision/spots.h"
 #include "tests/support/draws.h"
