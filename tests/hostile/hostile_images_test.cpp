@@ -6,11 +6,15 @@
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <string>
+#include <vector>
 
 #include "src/attitude/correspondence.h"
+#include "src/core/parallel.h"
 #include "src/vision/pattern.h"
 #include "src/vision/spots.h"
 #include "tests/support/draws.h"
@@ -23,9 +27,26 @@ constexpr int kImages = 10'000;
 constexpr ImageSize kSize{240, 180};
 
 enum Kind {
-  kEmpty, kTiny, kUniform, kNoise, kSaturated, kSpeckle, kStripes, kSixteenBit, kColour,
-  kPatternAlone, kPatternNoisy, kPatternHalf, kPatternTwice, kPatternMirrored, kPatternDirty,
-  kPatternWrong, kTargetAlone, kTargetReflections, kTargetTwice, kTargetHalf,
+  kEmpty,
+  kTiny,
+  kUniform,
+  kNoise,
+  kSaturated,
+  kSpeckle,
+  kStripes,
+  kSixteenBit,
+  kColour,
+  kPatternAlone,
+  kPatternNoisy,
+  kPatternHalf,
+  kPatternTwice,
+  kPatternMirrored,
+  kPatternDirty,
+  kPatternWrong,
+  kTargetAlone,
+  kTargetReflections,
+  kTargetTwice,
+  kTargetHalf,
   kKinds
 };
 
@@ -41,36 +62,47 @@ PatternConfig pattern_config() {
   return p;
 }
 
-/// Grey of the pattern's plane. @param wrong moves one bigger circle to where none is drawn.
-double pattern_grey(const PatternConfig& p, const Eigen::Vector2d& at, bool wrong) {
-  const double column = std::round(at.x() / p.spacing_mm), row = std::round(at.y() / p.spacing_mm);
-  if (std::abs(column) > 3 || std::abs(row) > 3) return 30.0;
-  bool bigger = false;
+/// Radius of the circle drawn at a lattice position; 0 beyond the pattern. @param wrong moves one
+/// bigger circle to where none belongs.
+double radius_at(const PatternConfig& p, int column, int row, bool wrong) {
+  if (std::abs(column) > 3 || std::abs(row) > 3) return 0.0;
   for (std::size_t i = 0; i < p.direction_circles.size(); ++i) {
-    const auto& d = p.direction_circles[i];
-    const std::array<int, 2> shown = wrong && i == 2 ? std::array{1, -2} : d;
-    bigger = bigger || (shown[0] == column && shown[1] == row);
+    const std::array<int, 2> shown = wrong && i == 2 ? std::array{1, -2} : p.direction_circles[i];
+    if (shown[0] == column && shown[1] == row) return p.direction_radius_mm;
   }
-  const double r = (at - p.spacing_mm * Eigen::Vector2d(column, row)).norm();
-  return r <= (bigger ? p.direction_radius_mm : p.radius_mm) ? 200.0 : 30.0;
+  return p.radius_mm;
 }
 
-/// The mean over 3 x 3 places of each pixel, noise added.
+/// The mean over 2 x 2 places of each pixel, noise added. Plain numbers: of what these images cost
+/// most is drawing them.
 Image draw(const Eigen::Matrix3d& H_px_from_plane, const PatternConfig& p, double noise, bool wrong,
            Random& random) {
-  const Eigen::Matrix3d back = H_px_from_plane.inverse();
+  std::array<double, 81> radii;  // columns and rows -4 to 4
+  for (int i = 0; i < 81; ++i)
+    radii[static_cast<std::size_t>(i)] = radius_at(p, i % 9 - 4, i / 9 - 4, wrong);
+  const Eigen::Matrix3d back = H_px_from_plane.inverse() / p.spacing_mm;
+  std::array<double, 9> h;
+  Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(h.data()) = back;
+  h[6] *= p.spacing_mm, h[7] *= p.spacing_mm, h[8] *= p.spacing_mm;
   Image image(kSize, 0);
-  for (int v = 0; v < kSize.height; ++v)
+  for (int v = 0; v < kSize.height; ++v) {
+    std::uint8_t* const row = image.row(v);
     for (int u = 0; u < kSize.width; ++u) {
-      double sum = 0.0;
-      for (int k = 0; k < 9; ++k)
-        sum += pattern_grey(
-            p,
-            (back * Eigen::Vector3d(u + (k % 3 - 1) / 3.0, v + (k / 3 - 1) / 3.0, 1)).hnormalized(),
-            wrong);
-      const double grey = sum / 9.0 + noise * random.normal();
-      image.row(v)[u] = static_cast<std::uint8_t>(std::clamp(std::lround(grey), 0L, 255L));
+      int inside = 0;
+      for (int k = 0; k < 4; ++k) {
+        const double su = u + (k % 2 - 0.5) / 2.0, sv = v + (k / 2 - 0.5) / 2.0;
+        const double w = 1.0 / (h[6] * su + h[7] * sv + h[8]);
+        const double x = w * (h[0] * su + h[1] * sv + h[2]), y = w * (h[3] * su + h[4] * sv + h[5]);
+        if (!(std::abs(x) < 4.0 && std::abs(y) < 4.0)) continue;
+        const int column = static_cast<int>(x + 4.5), line = static_cast<int>(y + 4.5);
+        const double dx = p.spacing_mm * (x - (column - 4)), dy = p.spacing_mm * (y - (line - 4));
+        const double r = radii[static_cast<std::size_t>(9 * line + column)];
+        inside += dx * dx + dy * dy < r * r;
+      }
+      const double grey = 30.0 + 42.5 * inside + noise * random.normal();
+      row[u] = static_cast<std::uint8_t>(std::clamp(grey + 0.5, 0.0, 255.0));
     }
+  }
   return image;
 }
 
@@ -97,19 +129,29 @@ void add_dirt(Image& image, Random& random, int count) {
     const double u0 = random.uniform(0, image.width), v0 = random.uniform(0, image.height);
     const double a = random.uniform(1, 6), b = random.uniform(1, 6);
     const double grey = random.uniform(60, 255);
-    for (int v = std::max(0, static_cast<int>(v0 - 6)); v < std::min<int>(image.height, static_cast<int>(v0) + 7); ++v)
-      for (int u = std::max(0, static_cast<int>(u0 - 6)); u < std::min<int>(image.width, static_cast<int>(u0) + 7); ++u)
+    for (int v = std::max(0, static_cast<int>(v0 - 6));
+         v < std::min<int>(image.height, static_cast<int>(v0) + 7); ++v)
+      for (int u = std::max(0, static_cast<int>(u0 - 6));
+           u < std::min<int>(image.width, static_cast<int>(u0) + 7); ++u)
         if (std::pow((u - u0) / a, 2) + std::pow((v - v0) / b, 2) <= 1.0)
           image.row(v)[u] = static_cast<std::uint8_t>(grey);
   }
 }
 
+constexpr double kSamePx = 1.5;  ///< an eighth of the least distance of two circles
+/// Dirt as bright as a circle that touches it becomes part of it and takes its centre along, and at
+/// the rim of the lattice no neighbour speaks against it: here each circle must be the one it is
+/// called, within a quarter of that distance, and its accuracy is not judged.
+constexpr double kTouchedPx = 3.0;
+
 /// What is true of one image.
 struct Truth {
   Image image;
-  std::vector<Eigen::Matrix3d> patterns;            ///< plane to pixel of each that is drawn
+  std::vector<Eigen::Matrix3d> patterns;              ///< plane to pixel of each that is drawn
+  std::vector<Eigen::Matrix3d> lattices;              ///< the same, wrong and mirrored ones too
   std::vector<std::vector<Eigen::Vector2d>> targets;  ///< LED pixels of each that is drawn
-  bool must_be_found = false;
+  double within_px = kSamePx;                         ///< of its own place each point must be
+  bool grid_by_accident = false;  ///< shows bright blobs on a lattice, as many as it happens
 };
 
 const TargetModel& target() {
@@ -159,18 +201,25 @@ Truth make(int index, Random& random) {
   const Kind kind = static_cast<Kind>(index % kKinds);
   const PatternConfig p = pattern_config();
   const auto pattern = [&](const Eigen::Matrix3d& H, double noise, bool wrong) {
+    t.lattices.push_back(H);
     return draw(H, p, noise, wrong, random);
   };
   switch (kind) {
-    case kEmpty: t.image = Image({index % 3 == 0 ? 0 : 7, index % 3 == 1 ? 7 : 0}, 0); break;
+    case kEmpty:
+      t.image = Image({index % 3 == 0 ? 0 : 7, index % 3 == 1 ? 7 : 0}, 0);
+      break;
     case kTiny: {
       t.image = Image({1 + static_cast<int>(random() % 12), 1 + static_cast<int>(random() % 3)}, 0);
       if (random() % 4 == 0) t.image = Image({1, 1}, 0);
       for (auto& grey : t.image.pixels) grey = static_cast<std::uint8_t>(random());
       break;
     }
-    case kUniform: t.image = Image(kSize, static_cast<std::uint8_t>(random())); break;
-    case kNoise: t.image = blobs(kSize, {}, random.uniform(0, 255), random.uniform(1, 60), random); break;
+    case kUniform:
+      t.image = Image(kSize, static_cast<std::uint8_t>(random()));
+      break;
+    case kNoise:
+      t.image = blobs(kSize, {}, random.uniform(0, 255), random.uniform(1, 60), random);
+      break;
     case kSaturated:
       t.image = blobs(kSize, {}, 240, 30, random);
       add_dirt(t.image, random, 30);
@@ -181,6 +230,7 @@ Truth make(int index, Random& random) {
         grey = random.uniform() < 0.2 ? 255 : static_cast<std::uint8_t>(random() % 40);
       break;
     case kStripes: {
+      t.grid_by_accident = true;
       t.image = Image(kSize, 0);
       const double a = random.uniform(0.05, 1.5), b = random.uniform(0.05, 1.5);
       for (int v = 0; v < kSize.height; ++v)
@@ -209,9 +259,11 @@ Truth make(int index, Random& random) {
     case kPatternDirty: {
       const auto H = random_view(random, 0, false);
       t.image = pattern(H, kind == kPatternNoisy ? 30 : 2, false);
-      if (kind == kPatternDirty) add_dirt(t.image, random, 25);
+      if (kind == kPatternDirty) {
+        add_dirt(t.image, random, 25);
+        t.within_px = kTouchedPx;
+      }
       t.patterns.push_back(H);
-      t.must_be_found = kind == kPatternAlone;
       break;
     }
     case kPatternHalf: {
@@ -232,8 +284,12 @@ Truth make(int index, Random& random) {
       t.patterns = {a, b};
       break;
     }
-    case kPatternMirrored: t.image = pattern(random_view(random, 0, true), 2, false); break;
-    case kPatternWrong: t.image = pattern(random_view(random, 0, false), 2, true); break;
+    case kPatternMirrored:
+      t.image = pattern(random_view(random, 0, true), 2, false);
+      break;
+    case kPatternWrong:
+      t.image = pattern(random_view(random, 0, false), 2, true);
+      break;
     case kTargetAlone:
     case kTargetReflections:
     case kTargetHalf:
@@ -249,82 +305,111 @@ Truth make(int index, Random& random) {
           at.push_back({random.uniform(0, kSize.width), random.uniform(0, kSize.height),
                         random.uniform(1.2, 3), random.uniform(60, 240)});
       t.image = blobs(kSize, at, 20, 2, random);
-      t.must_be_found = kind == kTargetAlone;
       break;
     }
-    case kKinds: break;
+    case kKinds:
+      break;
   }
   return t;
 }
 
-struct Count {
-  int images = 0, found = 0, wrong = 0;
+/// What the searches said of one image; `wrong` holds the answers given as right that are not.
+struct Verdict {
+  bool pattern_found = false, target_found = false;
+  bool pattern_wrong = false, target_wrong = false, grid_wrong = false, dark_wrong = false;
 };
 
-TEST(HostileImages, NeitherCrashNorGiveAWrongAnswerAsRight) {
-  std::array<Count, kKinds> patterns{}, targets{};
+/// Are these the points of one of the patterns drawn, all of them?
+bool right(const std::vector<PatternPoint>& points, const std::vector<Eigen::Matrix3d>& drawn,
+           const Eigen::Matrix2d& turn, double within_px) {
+  return std::ranges::any_of(drawn, [&](const Eigen::Matrix3d& H) {
+    return std::ranges::all_of(points, [&](const PatternPoint& c) {
+      const Eigen::Vector2d on_plane = turn * c.on_pattern_mm;
+      return ((H * on_plane.homogeneous()).hnormalized() - c.centre_px).norm() < within_px;
+    });
+  });
+}
+
+void judge_patterns(const Truth& truth, Verdict& out) {
   const PatternConfig bright = pattern_config();
   PatternConfig grid = bright, dark = bright;
   grid.kind = PatternKind::kCircleGrid;
   dark.bright = false;
-  for (int index = 0; index < kImages; ++index) {
-    Random random = draws_of_this_test(static_cast<std::uint64_t>(index));
-    const Truth truth = make(index, random);
-    const int kind = index % kKinds;
 
-    const PatternSearch search = find_pattern(truth.image, bright);
-    Count& p = patterns[static_cast<std::size_t>(kind)];
-    ++p.images;
-    if (search.status == PatternStatus::kFound) {
-      ++p.found;
-      bool right = false;
-      for (const Eigen::Matrix3d& H : truth.patterns) {
-        bool all = true;
-        for (const PatternPoint& c : search.points)
-          all = all && ((H * c.on_pattern_mm.homogeneous()).hnormalized() - c.centre_px).norm() < 1.5;
-        right = right || all;
-      }
-      if (!right) ++p.wrong;
-    }
-    // Other readings of the same image must live through it as well.
-    find_pattern(truth.image, grid);
-    find_pattern(truth.image, dark);
+  const PatternSearch search = find_pattern(truth.image, bright);
+  out.pattern_found = search.status == PatternStatus::kFound;
+  out.pattern_wrong = out.pattern_found && !right(search.points, truth.patterns,
+                                                  Eigen::Matrix2d::Identity(), truth.within_px);
 
-    const SpotSearch spots = find_spots(truth.image);
-    std::vector<Ray> rays;
-    for (const Spot& spot : spots.spots) rays.push_back(Camera::ray(spot.centre_px));
-    Count& t = targets[static_cast<std::size_t>(kind)];
-    ++t.images;
-    if (rays.size() > 12) continue;  // no four LEDs: a rig file's gates say so
-    CorrespondenceOptions options;
-    options.sigma_mm = 0.05;
-    options.max_tilt_rad = 0.8;
-    options.min_height_mm = -20;
-    options.max_height_mm = 80;
-    const Correspondence answer = correspond(target(), rays, Camera::kPlanes, options);
-    if (answer.status != CorrespondenceStatus::kMatched) continue;
-    ++t.found;
-    bool right = false;
-    for (const auto& leds : truth.targets) {
-      bool all = true;
-      for (std::size_t k = 0; k < leds.size(); ++k) {
-        const int spot = answer.ranked[0].spot_of_point[k];
-        all = all && spot >= 0 &&
-              (spots.spots[static_cast<std::size_t>(spot)].centre_px - leds[k]).norm() < 1.5;
+  // A square grid may be read in any quarter turn, and its mirrored or wrong twin is as good.
+  const PatternSearch equal = find_pattern(truth.image, grid);
+  if (equal.status == PatternStatus::kFound && !truth.grid_by_accident) {
+    bool fits = false;
+    for (int quarter = 0; quarter < 4; ++quarter)
+      for (const double mirror : {1.0, -1.0}) {
+        Eigen::Matrix2d turn =
+            Eigen::Rotation2Dd(0.5 * std::numbers::pi * quarter).toRotationMatrix();
+        turn.col(0) *= mirror;
+        fits = fits || right(equal.points, truth.lattices, turn, truth.within_px);
       }
-      right = right || all;
+    out.grid_wrong = !fits;
+  }
+  out.dark_wrong = find_pattern(truth.image, dark).status == PatternStatus::kFound;
+}
+
+void judge_target(const Truth& truth, Verdict& out) {
+  const SpotSearch search = find_spots(truth.image);
+  std::vector<Ray> rays;
+  for (const Spot& spot : search.spots) rays.push_back(Camera::ray(spot.centre_px));
+  if (rays.size() > 12) return;  // a rig file's gates leave no such crowd
+  CorrespondenceOptions options;
+  options.sigma_mm = 0.05;
+  options.max_chance = 1e-4;  // 10,000 images: less than one of them
+  options.max_tilt_rad = 0.8;
+  options.min_height_mm = -20;
+  options.max_height_mm = 80;
+  const Correspondence answer = correspond(target(), rays, Camera::kPlanes, options);
+  out.target_found = answer.status == CorrespondenceStatus::kMatched;
+  if (!out.target_found) return;
+  out.target_wrong = std::ranges::none_of(truth.targets, [&](const auto& leds) {
+    for (std::size_t k = 0; k < leds.size(); ++k) {
+      const int spot = answer.ranked[0].spot_of_point[k];
+      if (spot < 0 ||
+          (search.spots[static_cast<std::size_t>(spot)].centre_px - leds[k]).norm() > kSamePx)
+        return false;
     }
-    if (!right) ++t.wrong;
+    return true;
+  });
+}
+
+TEST(HostileImages, NeitherCrashNorGiveAWrongAnswerAsRight) {
+  std::vector<Verdict> verdicts(kImages);
+  parallel_for(kImages, [&](std::size_t index) {
+    Random random = draws_of_this_test(index);
+    const Truth truth = make(static_cast<int>(index), random);
+    judge_patterns(truth, verdicts[index]);
+    judge_target(truth, verdicts[index]);
+  });
+
+  std::array<int, kKinds> images{}, patterns{}, targets{};
+  for (std::size_t index = 0; index < verdicts.size(); ++index) {
+    const std::size_t kind = index % kKinds;
+    const Verdict& v = verdicts[index];
+    ++images[kind];
+    patterns[kind] += v.pattern_found;
+    targets[kind] += v.target_found;
+    EXPECT_FALSE(v.pattern_wrong) << "pattern, image " << index << ", kind " << kind;
+    EXPECT_FALSE(v.grid_wrong) << "grid, image " << index << ", kind " << kind;
+    EXPECT_FALSE(v.dark_wrong) << "dark pattern, image " << index << ", kind " << kind;
+    EXPECT_FALSE(v.target_wrong) << "target, image " << index << ", kind " << kind;
   }
   for (std::size_t kind = 0; kind < kKinds; ++kind) {
-    EXPECT_EQ(patterns[kind].wrong, 0) << "pattern, kind " << kind << " of " << patterns[kind].found;
-    EXPECT_EQ(targets[kind].wrong, 0) << "target, kind " << kind << " of " << targets[kind].found;
-    RecordProperty("found_pattern_" + std::to_string(kind), patterns[kind].found);
-    RecordProperty("found_target_" + std::to_string(kind), targets[kind].found);
+    RecordProperty("found_pattern_" + std::to_string(kind), patterns[kind]);
+    RecordProperty("found_target_" + std::to_string(kind), targets[kind]);
   }
   // A search that never finds anything would pass all of the above.
-  EXPECT_GT(patterns[kPatternAlone].found, patterns[kPatternAlone].images * 95 / 100);
-  EXPECT_GT(targets[kTargetAlone].found, targets[kTargetAlone].images * 95 / 100);
+  EXPECT_GT(patterns[kPatternAlone], images[kPatternAlone] * 95 / 100);
+  EXPECT_GT(targets[kTargetAlone], images[kTargetAlone] * 95 / 100);
 }
 
 }  // namespace
