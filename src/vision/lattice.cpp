@@ -318,10 +318,11 @@ class Normal {
       for (std::size_t k = 0; k < K; ++k) b_[i][k] += row[i] * right[k];
     }
   }
-  /// One column per right side.
+  /// One column per right side, then the inverse of the normal matrix.
   Eigen::MatrixXd solve() const {
-    const auto n = static_cast<Eigen::Index>(n_);
-    Eigen::MatrixXd A(n, n), b(n, static_cast<Eigen::Index>(K));
+    const auto n = static_cast<Eigen::Index>(n_), k_end = static_cast<Eigen::Index>(K);
+    Eigen::MatrixXd A(n, n), b(n, k_end + n);
+    b.rightCols(n).setIdentity();
     for (std::size_t i = 0; i < n_; ++i) {
       const auto r = static_cast<Eigen::Index>(i);
       for (std::size_t j = 0; j <= i; ++j) {
@@ -385,20 +386,28 @@ bool PatternMap::fit(std::span<const Vector2d> on_pattern, std::span<const Vecto
     }
   }
   if (!(std::abs(H_.determinant()) > 1e-9)) return false;
-  if (px.size() < 30) return true;
-
-  degree_ = px.size() < 90 ? 3 : 5;
-  Normal<2> normal(terms_of(degree_));
+  degree_ = px.size() < 30 ? 0 : px.size() < 90 ? 3 : 5;
+  basis_ = std::max(degree_, 2);  // a homography bends about as much as a quadratic
+  Normal<2> normal(terms_of(basis_));
   for (std::size_t i = 0; i < px.size(); ++i) {
     const Vector2d h = (H_ * ((on_pattern[i] - middle_) / scale_).homogeneous()).hnormalized();
     const Vector2d left = (px[i] - px_middle_) / px_scale_ - h;
-    normal.add(Monomials(h, degree_).value.data(), {left.x(), left.y()});
+    normal.add(Monomials(h, basis_).value.data(), {left.x(), left.y()});
   }
-  const Eigen::MatrixXd bend = normal.solve();
-  if (!bend.allFinite()) return false;
-  for (std::size_t i = 0; i < terms_of(degree_); ++i)
-    bend_[i] = bend.row(static_cast<Eigen::Index>(i));
+  const Eigen::MatrixXd solved = normal.solve();
+  if (!solved.allFinite()) return false;
+  if (degree_ > 0)
+    for (std::size_t i = 0; i < terms_of(degree_); ++i)
+      bend_[i] = solved.row(static_cast<Eigen::Index>(i)).head<2>();
+  inverse_ = solved.rightCols(solved.rows());
   return true;
+}
+
+double PatternMap::leverage(const Vector2d& on_pattern) const {
+  const Vector2d h = (H_ * ((on_pattern - middle_) / scale_).homogeneous()).hnormalized();
+  const Monomials m(h, basis_);
+  const Eigen::Map<const Eigen::VectorXd> row(m.value.data(), inverse_.rows());
+  return row.dot(inverse_ * row);
 }
 
 PatternMap::Taylor PatternMap::at(const Vector2d& on_pattern) const {

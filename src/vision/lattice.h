@@ -45,12 +45,16 @@ class PatternMap {
   };
   Taylor at(const Eigen::Vector2d& on_pattern) const;
   Eigen::Vector2d operator()(const Eigen::Vector2d& on_pattern) const { return at(on_pattern).px; }
+  /// How much of a fitted point's own error the map follows, 0..1 (nearly: the homography's part is
+  /// taken as a quadratic's). Without the point its residual r would be r / (1 - leverage).
+  double leverage(const Eigen::Vector2d& on_pattern) const;
 
  private:
   Eigen::Vector2d middle_, px_middle_;
   double scale_ = 1.0, px_scale_ = 1.0;
   Eigen::Matrix3d H_ = Eigen::Matrix3d::Identity();
-  int degree_ = 0;
+  int degree_ = 0, basis_ = 2;
+  Eigen::MatrixXd inverse_;               ///< of the polynomial's normal matrix
   std::array<Eigen::Vector2d, 21> bend_;  ///< coefficients, normalised px
 };
 

@@ -27,12 +27,17 @@ struct SeenLattice {
   std::vector<double> size;  ///< area on the pattern over the median's
 };
 
-/// Leaves the members of the lattice that one smooth map explains.
+/// Leaves the members of the lattice that one smooth map explains. A rim circle draws the map to
+/// itself, so residuals count as studentised, r / sqrt(1 - leverage). A member that stands off the
+/// map by more than its own noise and the others' scatter is less certain than it claims (dirt at
+/// its edge, a shadow): its sigma becomes its left-out residual.
 /// @return kFound, kNoLattice or kInconsistent.
-PatternStatus check_lattice(std::vector<LatticeNode>& nodes, const std::vector<Circle>& circles,
+PatternStatus check_lattice(std::vector<LatticeNode>& nodes, std::vector<Circle>& circles,
                             PatternMap& map) {
-  constexpr double kFarSteps = 0.01;     // a member's residual up to here is never doubted
-  constexpr double kSmoothSteps = 0.02;  // rms of what is left; more is not one lattice
+  constexpr double kMostLeverage = 0.98;  // beyond, a residual says nothing of its point
+  constexpr double kDoubt = 4.0;          // sigmas, or medians: rarer than 1 in 3000 by noise
+  constexpr double kFarSteps = 0.01;      // a member's residual up to here is never doubted
+  constexpr double kSmoothSteps = 0.02;   // rms of what is left; more is not one lattice
   // Residuals of two neighbours that differ by more are a break, and so many a seam. A sheet that
   // buckles, or a shadow's edge on a circle, breaks one circle's neighbourhood: four.
   constexpr double kBreakSteps = 0.05;
@@ -40,7 +45,8 @@ PatternStatus check_lattice(std::vector<LatticeNode>& nodes, const std::vector<C
   std::vector<bool> keep(nodes.size(), true);
   std::vector<Vector2d> off(nodes.size());  // in lattice steps
   std::vector<Vector2d> at, px;
-  std::vector<double> sizes, allowance(nodes.size());
+  std::vector<double> sizes, allowance(nodes.size()), own(nodes.size(), 1.0);  // own: 1 - leverage
+  double usual = 0.0;
   for (int pass = 0; pass < 6; ++pass) {
     at.clear();
     px.clear();
@@ -57,14 +63,17 @@ PatternStatus check_lattice(std::vector<LatticeNode>& nodes, const std::vector<C
       off[i] = f.J.inverse() * (c.centre_px - f.px);
       allowance[i] =
           std::max(kFarSteps, 5.0 * c.sigma_px / std::min(f.J.col(0).norm(), f.J.col(1).norm()));
-      if (keep[i]) sizes.push_back(off[i].norm());
+      own[i] =
+          keep[i] ? 1.0 - std::min(kMostLeverage, map.leverage(nodes[i].at.cast<double>())) : 1.0;
+      if (keep[i]) sizes.push_back(off[i].norm() / std::sqrt(own[i]));
     }
     const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2);
     std::nth_element(sizes.begin(), middle, sizes.end());
-    const double usual = 10.0 * *middle;  // paper buckles at its corners
+    usual = *middle;
     bool changed = false;
     for (std::size_t i = 0; i < nodes.size(); ++i) {
-      const bool good = off[i].norm() <= std::max(allowance[i], usual);
+      const bool good = off[i].norm() / std::sqrt(own[i]) <=
+                        std::max(allowance[i], 10.0 * usual);  // paper buckles at its corners
       changed = changed || good != keep[i];
       keep[i] = good;
     }
@@ -89,6 +98,12 @@ PatternStatus check_lattice(std::vector<LatticeNode>& nodes, const std::vector<C
   std::vector<LatticeNode> good;
   for (std::size_t i = 0; i < nodes.size(); ++i)
     if (keep[i]) {
+      Circle& c = circles[nodes[i].circle];
+      const double left_out_px = (c.centre_px - map(nodes[i].at.cast<double>())).norm() / own[i];
+      const double step_px =
+          std::sqrt(std::abs(map.at(nodes[i].at.cast<double>()).J.determinant()));
+      if (left_out_px * std::sqrt(own[i]) > kDoubt * std::max(c.sigma_px, usual * step_px))
+        c.sigma_px = std::max(c.sigma_px, std::sqrt(0.5) * left_out_px);
       sum += off[i].squaredNorm();
       good.push_back(nodes[i]);
     }
@@ -132,6 +147,15 @@ PatternStatus see_lattice(ImageView image, const PatternConfig& pattern,
   return PatternStatus::kFound;
 }
 
+/// A disc that is larger or smaller than it is drawn has something at its edge, and its centre is
+/// uncertain by as much. @param drawn area over that of the small circles.
+void doubt_by_size(Circle& c, double size, double drawn) {
+  constexpr double kPrinted = 0.04;  // of the radius: patterns are drawn no better
+  const double off_px = c.radius_px * std::abs(1.0 - std::sqrt(drawn / size));
+  if (off_px > std::max(5.0 * c.sigma_px, kPrinted * c.radius_px))
+    c.sigma_px = std::max(c.sigma_px, std::sqrt(0.5) * off_px);
+}
+
 /// A way to read the lattice as the drawn pattern: drawn = turn * seen + shift.
 struct Reading {
   Matrix2i turn = Matrix2i::Identity();
@@ -164,6 +188,8 @@ PatternSearch find_directed_circles(ImageView image, const PatternConfig& patter
     const double size = std::log(seen.size[i]) / step;
     sizes.push_back(size > 0.6 ? Size::kBig : size < 0.4 ? Size::kSmall : Size::kUnclear);
     if (sizes.back() == Size::kBig) big.push_back(i);
+    doubt_by_size(seen.circles[i], seen.size[i],
+                  std::exp(step * std::clamp(std::round(size), 0.0, 1.0)));
   }
   if (big.size() < 3) {
     search.status = PatternStatus::kDirectionCirclesMissing;
@@ -241,6 +267,9 @@ PatternSearch find_circle_grid(ImageView image, const PatternConfig& pattern,
   SeenLattice seen;
   search.status = see_lattice(image, pattern, options, search, seen);
   if (search.status != PatternStatus::kFound) return search;
+
+  for (std::size_t i = 0; i < seen.at.size(); ++i)
+    doubt_by_size(seen.circles[i], seen.size[i], 1.0);
 
   // Every window of the grid's size, upright or turned by a quarter, that is full of circles.
   Vector2i low = seen.at.front(), high = low;

@@ -138,11 +138,9 @@ void add_dirt(Image& image, Random& random, int count) {
   }
 }
 
-constexpr double kSamePx = 1.5;  ///< an eighth of the least distance of two circles
-/// Dirt as bright as a circle that touches it becomes part of it and takes its centre along, and at
-/// the rim of the lattice no neighbour speaks against it: here each circle must be the one it is
-/// called, within a quarter of that distance, and its accuracy is not judged.
-constexpr double kTouchedPx = 3.0;
+/// An eighth of the least distance of two circles: a point farther off than this, and than four
+/// times the uncertainty that it states (dirt at a circle's edge takes its centre along), is wrong.
+constexpr double kSamePx = 1.5;
 
 /// What is true of one image.
 struct Truth {
@@ -150,7 +148,6 @@ struct Truth {
   std::vector<Eigen::Matrix3d> patterns;              ///< plane to pixel of each that is drawn
   std::vector<Eigen::Matrix3d> lattices;              ///< the same, wrong and mirrored ones too
   std::vector<std::vector<Eigen::Vector2d>> targets;  ///< LED pixels of each that is drawn
-  double within_px = kSamePx;                         ///< of its own place each point must be
   bool grid_by_accident = false;  ///< shows bright blobs on a lattice, as many as it happens
 };
 
@@ -259,10 +256,7 @@ Truth make(int index, Random& random) {
     case kPatternDirty: {
       const auto H = random_view(random, 0, false);
       t.image = pattern(H, kind == kPatternNoisy ? 30 : 2, false);
-      if (kind == kPatternDirty) {
-        add_dirt(t.image, random, 25);
-        t.within_px = kTouchedPx;
-      }
+      if (kind == kPatternDirty) add_dirt(t.image, random, 25);
       t.patterns.push_back(H);
       break;
     }
@@ -321,11 +315,12 @@ struct Verdict {
 
 /// Are these the points of one of the patterns drawn, all of them?
 bool right(const std::vector<PatternPoint>& points, const std::vector<Eigen::Matrix3d>& drawn,
-           const Eigen::Matrix2d& turn, double within_px) {
+           const Eigen::Matrix2d& turn) {
   return std::ranges::any_of(drawn, [&](const Eigen::Matrix3d& H) {
     return std::ranges::all_of(points, [&](const PatternPoint& c) {
       const Eigen::Vector2d on_plane = turn * c.on_pattern_mm;
-      return ((H * on_plane.homogeneous()).hnormalized() - c.centre_px).norm() < within_px;
+      return ((H * on_plane.homogeneous()).hnormalized() - c.centre_px).norm() <
+             std::max(kSamePx, 4.0 * c.sigma_px);
     });
   });
 }
@@ -338,8 +333,8 @@ void judge_patterns(const Truth& truth, Verdict& out) {
 
   const PatternSearch search = find_pattern(truth.image, bright);
   out.pattern_found = search.status == PatternStatus::kFound;
-  out.pattern_wrong = out.pattern_found && !right(search.points, truth.patterns,
-                                                  Eigen::Matrix2d::Identity(), truth.within_px);
+  out.pattern_wrong =
+      out.pattern_found && !right(search.points, truth.patterns, Eigen::Matrix2d::Identity());
 
   // A square grid may be read in any quarter turn, and its mirrored or wrong twin is as good.
   const PatternSearch equal = find_pattern(truth.image, grid);
@@ -350,7 +345,7 @@ void judge_patterns(const Truth& truth, Verdict& out) {
         Eigen::Matrix2d turn =
             Eigen::Rotation2Dd(0.5 * std::numbers::pi * quarter).toRotationMatrix();
         turn.col(0) *= mirror;
-        fits = fits || right(equal.points, truth.lattices, turn, truth.within_px);
+        fits = fits || right(equal.points, truth.lattices, turn);
       }
     out.grid_wrong = !fits;
   }
