@@ -25,7 +25,7 @@ bool is_opencv_file(const fs::path& file) {
   return ending == ".yml" || ending == ".yaml" || ending == ".xml";
 }
 
-/// Words for --order; 0 = not given.
+/// Words for --order; -1 = not given.
 int order_of(const std::string& text) {
   if (text.empty()) return -1;
   if (text == "auto") return kOrderByResiduals;
@@ -53,7 +53,7 @@ RayPlanes planes_of(const std::vector<double>& heights, const fs::path& file) {
 
 /// Where the calibration will go, checked before the work: a folder that is new, empty, or holds
 /// nothing but an earlier calibration.
-void check_output(const fs::path& out, const fs::path& source) {
+void check_output(const fs::path& out) {
   std::error_code error;
   for (fs::path at = fs::absolute(out, error); !at.empty(); at = at.parent_path()) {
     const fs::file_status status = fs::status(at, error);
@@ -62,12 +62,10 @@ void check_output(const fs::path& out, const fs::path& source) {
       throw ConfigError(at.string(), "", "is a file. Choose a folder for the calibration (--out).");
     if (at == at.parent_path()) break;
   }
-  if (!fs::is_directory(out, error) || fs::is_empty(out, error) ||
-      fs::equivalent(out, source, error))
-    return;
+  if (!fs::is_directory(out, error) || fs::is_empty(out, error)) return;
   if (fs::exists(out / "plan.json", error))
     throw ConfigError(out.string(), "",
-                      "is the folder of another run, which a calibration is never written over. "
+                      "is the folder of a run, whose poses were judged with the calibration in it. "
                       "Choose a new folder (--out).");
   if (!fs::is_regular_file(out / "calibration.json", error))
     throw ConfigError(out.string(), "",
@@ -106,13 +104,14 @@ int calibrate_command(const CalibrateArguments& a) {
   };
   const auto write_to = [&](const fs::path& by_default) {
     if (out.empty()) out = by_default;
-    if (!out.empty()) check_output(out, a.source);
+    if (!out.empty()) check_output(out);
   };
   std::error_code error;
   if (fs::is_directory(a.source, error)) {
     refuse_rig();
     const RunFolder folder = RunFolder::open(a.source);
-    write_to(folder.root());
+    write_to(fs::path("results") / "calibrations" /
+             fs::weakly_canonical(folder.root(), error).filename());
     const RunRecord record = read_run(folder);
     const RigFile rig = parse_rig_file(record.plan.rig.text, record.plan.rig.file, folder.root());
     set = sweep_set(record, folder, rig, progress);
@@ -159,8 +158,11 @@ int calibrate_command(const CalibrateArguments& a) {
     for (const std::string& remark : set->remarks) fmt::print("{}\n", remark);
   if (!out.empty()) {
     const fs::path report = write_calibration_report(out, calibration, set);
-    fmt::print("calibration: {}\nreport: {}\n", (out / "calibration.json").string(),
-               report.string());
+    const std::string file = (out / "calibration.json").string();
+    if (fs::is_directory(a.source, error))
+      fmt::print("To judge the run's poses with it: turntable evaluate {} --calibration {}\n",
+                 a.source.string(), file);
+    fmt::print("calibration: {}\nreport: {}\n", file, report.string());
   }
   return kDone;
 }

@@ -120,8 +120,8 @@ int main(int argc, char** argv) {
   calibrate_verb->add_option("--rig", calibrate.rig, "rig file, for a scenario");
   calibrate_verb->add_option(
       "--order", calibrate.order,
-      "polynomial order 1 to 9, or auto: what held-out and leave-one-out residuals justify (default: "
-      "as the source says)");
+      "runs and calibration sets: polynomial order 1 to 9, or auto: what held-out and leave-one-out "
+      "residuals justify (default: as the source says)");
   calibrate_verb
       ->add_option("--planes", calibrate.planes_mm,
                    "OpenCV camera: two heights between which its rays are stated, mm, negative = in "
@@ -129,8 +129,8 @@ int main(int argc, char** argv) {
       ->delimiter(',');
   calibrate_verb->add_option(
       "--out", calibrate.out,
-      "folder for calibration.json, calibration.md, figures, tables and OpenCV files (default: the "
-      "run's folder, or results/calibrations/<name>); run folder for a scenario");
+      "folder for calibration.json, calibration.md, figures, tables and OpenCV files (default: "
+      "results/calibrations/<name>); run folder for a scenario");
   calibrate_verb->footer(
       "Examples:\n  turntable calibrate scenarios/calibration_sweep.json --rig "
       "scenarios/rigs/simulated.json\n"

@@ -6,7 +6,7 @@
 //   3. Fit to four points, then to all that are matched (R, T by Levenberg-Marquardt):
 //        S = sum_t |r_t|^2,  r_t = perpendicular miss of R P_t + T from its ray, mm
 //      and the fit is acceptable if S / sigma^2 is below the 0.9999 quantile of chi^2, 2k - 6
-//      degrees of freedom for k points, and no point is more than 5 sigma off.
+//      degrees of freedom for k points; points join it within 5 sigma of the fit before.
 //   4. Rank by Q = S / sigma^2 + 25 (n - k): a hidden point costs what one at the gate would.
 //   5. Chance: random spots over an area A would fit k points this well, on the average,
 //        2 (n - k_min + 1) C(n, k) m!/(m-k)! (pi S / A)^(k-3) / (k-3)!

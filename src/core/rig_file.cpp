@@ -78,7 +78,9 @@ class Reader {
                                       {"direction_radius_mm", directed},
                                       {"direction_circles", directed}}) {
       if (wanted && !p.contains(key))
-        fail("/pattern", fmt::format("\"{}\" is missing; kind {} needs it.", key, kind));
+        fail("/pattern",
+             fmt::format("\"{}\" is missing; kind {} needs it{}.", key, kind,
+                         key == std::string_view("circles") ? " (\"bright\" or \"dark\")" : ""));
       if (!wanted && p.contains(key))
         fail(fmt::format("/pattern/{}", key), fmt::format("means nothing with kind {}.", kind));
     }

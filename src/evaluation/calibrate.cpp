@@ -33,26 +33,31 @@ PlaneResidual kept_out_residual(const IrtModel& model, const SeenPlane& plane) {
     out.max_mm = std::max(out.max_mm, miss);
     ++out.points;
   }
-  out.rms_mm = out.points > 0 ? std::sqrt(sum / out.points) : NAN;
+  if (out.points == 0) out.max_mm = NAN;
+  out.rms_mm = std::sqrt(sum / out.points);  // NaN of none
   return out;
 }
 
-/// Every central model, side by side; none if the pattern was never tilted, because then focal
-/// length and distance cannot be told apart.
-std::vector<CentralModel> central_models(const CalibrationSet& set) {
-  if (!any_tilted(set)) return {};
-  std::array<std::optional<CentralModel>, std::size(kCentralKinds)> fitted;
+/// Every central model that the views carry, side by side, into the calibration; none if the pattern
+/// was never tilted, because then focal length and distance cannot be told apart.
+void add_central_models(const CalibrationSet& set, Calibration& c) {
+  if (!any_tilted(set)) return;
+  CameraData data;
+  data.views = set.views;
+  data.size = set.size;
+  data.planes = c.irt.planes();
+  if (!set.planes.empty()) data.fit = set.points(true);
+  std::vector<std::optional<FittedCamera>> fitted(kCameraModels.size());
   parallel_for(fitted.size(), [&](std::size_t i) {
+    if (kCameraModels[i].name == "irt") return;  // is there already
     try {
-      fitted[i] = fit_central(kCentralKinds[i], set.views, set.size);
+      fitted[i] = kCameraModels[i].fit(data);
     } catch (const Error&) {
       // `compare_models` says why.
     }
   });
-  std::vector<CentralModel> models;
   for (const auto& model : fitted)
-    if (model) models.push_back(*model);
-  return models;
+    if (model) model->store(c);
 }
 
 /// What no camera shows, and slips of units and signs do.
@@ -92,12 +97,13 @@ bool same_point(const PlanePoint& a, const PlanePoint& b) {
 /// the others is kept out for this.
 std::vector<ModelRow> compare(const CalibrationSet& set, const IrtFit& fit, int order) {
   CameraData data{{}, set.points(false), fit.model.planes(), order, {}, set.size};
+  const bool no_plane_kept_out = data.held_out.empty();
   const std::vector<PlanePoint> points = set.points(true);
   std::size_t count = 0;
   for (const PlanePoint& p : points) {
     if (std::ranges::any_of(fit.outliers, [&](const PlanePoint& o) { return same_point(o, p); }))
       continue;
-    const bool judge = set.points(false).empty() && ++count % 7 == 0;
+    const bool judge = no_plane_kept_out && ++count % 7 == 0;
     (judge ? data.held_out : data.fit).push_back(p);
   }
   if (any_tilted(set)) data.views = set.views;
@@ -130,7 +136,7 @@ Calibration from_planes(const CalibrationSet& set, int order) {
     if (!plane.fit) c.planes.push_back(kept_out_residual(fit.model, plane));
   std::ranges::sort(c.planes, {}, &PlaneResidual::z_mm);
   c.models = compare(set, fit, order);
-  c.central = central_models(set);
+  add_central_models(set, c);
   return c;
 }
 
@@ -157,6 +163,16 @@ double mm_per_px(const FreeViewsFit& fit, ImageSize size) {
 /// With fewer, none can be kept out.
 constexpr std::size_t kViewsToChoose = 6;
 
+/// @throws Error if the fit ended on its way.
+FreeViewsFit converged(FreeViewsFit fit) {
+  if (!fit.converged)
+    throw Error(fmt::format(
+        "rays of order {} and the poses of the views do not settle. Lower the order, or take more "
+        "views at different tilts.",
+        fit.order));
+  return fit;
+}
+
 /// One row per order: every third view is kept out, and only its pose is fitted afterwards.
 std::vector<OrderRow> compare_free_orders(std::span<const FreeView> views, ImageSize size) {
   std::vector<FreeView> train, test;
@@ -168,7 +184,7 @@ std::vector<OrderRow> compare_free_orders(std::span<const FreeView> views, Image
     row.order = static_cast<int>(i) + 1;
     row.terms = static_cast<int>(IrtModel::terms(row.order).size());
     try {
-      const FreeViewsFit fit = fit_rays(train, size, row.order);
+      const FreeViewsFit fit = converged(fit_rays(train, size, row.order));
       const double scale = mm_per_px(fit, size);
       row.points = fit.points;
       row.outliers = static_cast<int>(fit.outliers.size());
@@ -176,6 +192,7 @@ std::vector<OrderRow> compare_free_orders(std::span<const FreeView> views, Image
       double sum = 0.0;
       for (const FreeView& view : test) {
         const ViewPose pose = fit_pose(fit.model, view);
+        if (!pose.converged) throw Error("the pose of a view that was kept out cannot be found.");
         const double count = static_cast<double>(view.pixels_px.size());
         sum += pose.rms_px * pose.rms_px * count;
         row.held_out_points += static_cast<int>(count);
@@ -213,19 +230,28 @@ Calibration from_views(const CalibrationSet& set, int order) {
   Calibration c;
   c.orders = compare_free_orders(views, set.size);
   if (order == kOrderByResiduals) order = choose_free_order(c.orders);
-  const FreeViewsFit fit = fit_rays(views, set.size, order);
+  const FreeViewsFit fit = converged(fit_rays(views, set.size, order));
   check_handedness(fit.model, set.name);
   c.irt = fit.model;
   c.sigma_mm = fit.sigma_px * mm_per_px(fit, set.size);
   c.points = fit.points;
-  c.central = central_models(set);
+  for (const FreeViewsFit::Outlier& o : fit.outliers) {
+    PlanePoint point;
+    point.pixel_px = views[o.view].pixels_px[o.point];
+    point.on_plane_mm = views[o.view].on_target_mm[o.point].head<2>();
+    // Named by its view and its place in it: there is no plane.
+    point.row = static_cast<int>(o.view);
+    point.column = static_cast<int>(o.point);
+    c.outliers.push_back(point);
+  }
+  add_central_models(set, c);
   return c;
 }
 
 }  // namespace
 
-Calibration calibrate(const CalibrationSet& set, int order) {
-  if (order == 0) order = set.order;
+Calibration calibrate(const CalibrationSet& set) {
+  const int order = set.order;
   Calibration c;
   try {
     c = set.planes.empty() ? from_views(set, order) : from_planes(set, order);

@@ -9,8 +9,7 @@ namespace turntable {
 /// point out in turn; every central model that the views carry; all of them compared on the same
 /// points. Without planes (boards held by hand) the rays come from the views alone (free_views.h):
 /// then the plane frame is the camera frame turned over.
-/// @param order 0: as the set says.
 /// @throws ConfigError: a left-handed result. Error: points that do not carry the order.
-Calibration calibrate(const CalibrationSet& set, int order = 0);
+Calibration calibrate(const CalibrationSet& set);
 
 }  // namespace turntable

@@ -90,6 +90,44 @@ class Mean {
   int images_ = 0;
 };
 
+/// Patterns without direction circles may be read in two ways or four: those on planes, which are not
+/// turned between images, have to be read alike.
+class Readings {
+ public:
+  /// @throws ConfigError if this image names the points the other way round than the first did.
+  void add(const PatternSearch& search, bool on_plane, const std::string& file) {
+    half_ += search.half_turn_ambiguous ? 1 : 0;
+    quarter_ += search.quarter_turn_ambiguous ? 1 : 0;
+    if (!on_plane || !(search.half_turn_ambiguous || search.quarter_turn_ambiguous)) return;
+    Vector2d mean_mm = Vector2d::Zero(), mean_px = Vector2d::Zero(), along_x = Vector2d::Zero();
+    const auto count = static_cast<double>(search.points.size());
+    for (const PatternPoint& p : search.points) {
+      mean_mm += p.on_pattern_mm / count;
+      mean_px += p.centre_px / count;
+    }
+    for (const PatternPoint& p : search.points)
+      along_x += (p.on_pattern_mm.x() - mean_mm.x()) * (p.centre_px - mean_px);
+    along_x.normalize();
+    if (!first_) first_ = along_x;
+    if (along_x.dot(*first_) < std::sqrt(0.5))
+      throw ConfigError(file, "",
+                        "can be read in more than one way, and is read otherwise than the first image "
+                        "on a plane. Mount the pattern with x near to u (within 40 deg), or use one "
+                        "with direction circles.");
+  }
+  void remark(std::vector<std::string>& remarks) const {
+    if (half_ + quarter_ == 0) return;
+    remarks.push_back(fmt::format(
+        "The pattern looks the same after {}: in {} images the reading whose x points most nearly to "
+        "the right was taken.",
+        quarter_ > 0 ? "a quarter turn" : "half a turn (180 deg)", std::max(half_, quarter_)));
+  }
+
+ private:
+  std::optional<Vector2d> first_;
+  int half_ = 0, quarter_ = 0;
+};
+
 PatternView view_of(const PatternSearch& search, bool at_zero, double z_mm) {
   PatternView view;
   for (const PatternPoint& p : search.points) {
@@ -120,13 +158,6 @@ bool shows_a_plane(const PlannedPose& pose) {
 }
 
 }  // namespace
-
-std::vector<PlanePoint> CalibrationSet::points() const {
-  std::vector<PlanePoint> out;
-  for (const SeenPlane& plane : planes)
-    out.insert(out.end(), plane.points.begin(), plane.points.end());
-  return out;
-}
 
 std::vector<PlanePoint> CalibrationSet::points(bool fitted) const {
   std::vector<PlanePoint> out;
@@ -163,7 +194,7 @@ CalibrationSet sweep_set(const RunRecord& record, const RunFolder& folder, const
   std::vector<Task> tasks;
   for (const TakenPose& pose : record.poses) {
     const ScenarioInfo& scenario = record.plan.scenario_of(pose.planned);
-    if (scenario.kind != ScenarioKind::kCalibration) continue;
+    if (scenario.kind != ScenarioKind::kCalibration || pose.images.empty()) continue;
     if (poses.empty()) set.order = scenario.polynomial_order;
     for (const TakenImage& taken : pose.images) {
       tasks.push_back({poses.size(), &taken, {}});
@@ -223,6 +254,11 @@ CalibrationSet sweep_set(const RunRecord& record, const RunFolder& folder, const
       }
     }
   }
+  Readings readings;
+  for (const Task& task : tasks)
+    readings.add(task.seen.search, shows_a_plane(poses[task.pose]->planned),
+                 (folder.root() / task.taken->file).string());
+  readings.remark(set.remarks);
   for (const double planned : order) {
     const Place& place = places.at(planned);
     PlaneVisits stage;
@@ -391,10 +427,9 @@ class SetReader {
                               "the pattern section of the calibration set");
     });
     std::vector<Mean> means(set_.planes.size());
-    int half = 0, quarter = 0;
+    Readings readings;
     for (const Task& task : tasks_) {
-      half += task.seen.search.half_turn_ambiguous ? 1 : 0;
-      quarter += task.seen.search.quarter_turn_ambiguous ? 1 : 0;
+      readings.add(task.seen.search, task.plane >= 0, task.file);
       if (task.plane < 0) {
         set_.views.push_back(view_of(task.seen.search, false, 0.0));
       } else {
@@ -411,18 +446,7 @@ class SetReader {
             "out.",
             some, set_.planes[i].z_mm, means[i].images()));
     }
-    if (quarter > 0)
-      set_.remarks.push_back(
-          fmt::format("The pattern looks the same after a quarter turn: in {} images the reading "
-                      "whose x points "
-                      "most nearly to the right was taken.",
-                      quarter));
-    else if (half > 0)
-      set_.remarks.push_back(
-          fmt::format("The pattern looks the same after half a turn (180 deg): in {} images the "
-                      "reading whose x "
-                      "points most nearly to the right was taken.",
-                      half));
+    readings.remark(set_.remarks);
     const Task& first = tasks_.front();
     set_.example = PatternExample{set_.images.front().file, import_image(first.file),
                                   first.seen.search.points};

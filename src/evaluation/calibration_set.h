@@ -44,8 +44,8 @@ struct CalibrationSet {
   std::vector<std::string> remarks;  ///< what was left out, and what cannot be known
   std::optional<PatternExample> example;
 
-  std::vector<PlanePoint> points() const;           ///< of all planes
-  std::vector<PlanePoint> points(bool fitted) const;  ///< of those fitted, or of those kept out
+  /// Of the planes that are fitted, or of those kept out.
+  std::vector<PlanePoint> points(bool fitted) const;
 };
 
 /// Images done, of how many. Called from several threads.

@@ -155,11 +155,9 @@ OrderRow order_row_from(const Json& j) {
 }
 
 OrderedJson to_json(const PlaneResidual& p) {
-  OrderedJson j{{"z_mm", p.z_mm},
-                {"fitted", p.fitted},
-                {"points", p.points},
-                {"rms_mm", p.rms_mm},
-                {"max_mm", p.max_mm}};
+  OrderedJson j{{"z_mm", p.z_mm}, {"fitted", p.fitted}, {"points", p.points}};
+  put(j, "rms_mm", p.rms_mm);
+  put(j, "max_mm", p.max_mm);
   put(j, "coverage", p.coverage);
   put(j, "noise_gain", p.noise_gain);
   return j;
@@ -170,8 +168,8 @@ PlaneResidual plane_from(const Json& j) {
   p.z_mm = j.at("z_mm");
   p.fitted = j.at("fitted");
   p.points = j.at("points");
-  p.rms_mm = j.at("rms_mm");
-  p.max_mm = j.at("max_mm");
+  p.rms_mm = get(j, "rms_mm");
+  p.max_mm = get(j, "max_mm");
   p.coverage = get(j, "coverage");
   p.noise_gain = get(j, "noise_gain");
   return p;
@@ -281,12 +279,14 @@ std::string calibration_to_json(const Calibration& c) {
   for (const CentralModel& m : c.central) json["central"].push_back(to_json(m));
   for (const OrderRow& row : c.orders) json["orders"].push_back(to_json(row));
   for (const ModelRow& row : c.models) json["models"].push_back(to_json(row));
-  for (const PlaneVisits& p : c.stage)
-    json["stage"].push_back({{"z_mm", p.z_mm},
-                             {"read_back_mm", p.stage_mm},
-                             {"visits", p.visits},
-                             {"drift_mm", p.drift_mm},
-                             {"drift_px", {p.drift_px.x(), p.drift_px.y()}}});
+  for (const PlaneVisits& p : c.stage) {
+    OrderedJson visits{{"z_mm", p.z_mm},
+                       {"read_back_mm", p.stage_mm},
+                       {"visits", p.visits},
+                       {"drift_mm", p.drift_mm}};
+    if (p.drift_px.allFinite()) visits["drift_px"] = {p.drift_px.x(), p.drift_px.y()};
+    json["stage"].push_back(visits);
+  }
   for (const UsedImage& i : c.images)
     json["images"].push_back({{"file", i.file}, {"sha256", i.sha256}});
   return json.dump(1) + "\n";
@@ -381,9 +381,13 @@ Calibration parse_calibration(const std::string& text, const std::string& name) 
   }
   for (const Json& j : json.value("orders", Json::array())) c.orders.push_back(order_row_from(j));
   for (const Json& j : json.value("models", Json::array())) c.models.push_back(model_row_from(j));
-  for (const Json& j : json.value("stage", Json::array()))
+  for (const Json& j : json.value("stage", Json::array())) {
     c.stage.push_back({j.at("z_mm"), j.at("read_back_mm"), j.at("visits"), j.at("drift_mm"),
-                       Vector2d(j.at("drift_px").at(0), j.at("drift_px").at(1))});
+                       Vector2d(NAN, NAN)});
+    if (j.contains("drift_px"))
+      c.stage.back().drift_px = {j.at("drift_px").at(0).get<double>(),
+                                 j.at("drift_px").at(1).get<double>()};
+  }
   for (const Json& j : json.value("images", Json::array()))
     c.images.push_back({j.at("file"), j.at("sha256")});
   return c;

@@ -19,7 +19,7 @@ struct PlaneResidual {
   double z_mm = 0.0;
   bool fitted = true;  ///< false: kept out of the fit
   int points = 0;
-  double rms_mm = 0.0;  ///< of the residual's length
+  double rms_mm = 0.0;  ///< of the residual's length; NaN if no point lies in the calibrated area
   double max_mm = 0.0;
   /// As in `FittedPlane`; NaN for a plane kept out of the fit.
   double coverage = std::numeric_limits<double>::quiet_NaN();
@@ -32,7 +32,8 @@ struct PlaneVisits {
   double stage_mm = 0.0;  ///< mean of what was read back
   int visits = 0;
   double drift_mm = 0.0;  ///< read back at the last visit minus the first
-  Vector2d drift_px = Vector2d::Zero();  ///< mean shift of the pattern's points between the same
+  /// Mean shift of the pattern's points between the same; NaN if they share none.
+  Vector2d drift_px = Vector2d::Zero();
 };
 
 /// One camera model judged beside the others (`compare_models`). NaN where it has no value.

@@ -23,20 +23,24 @@ FittedCamera fit_ray_model(const CameraData& data) {
   return out;
 }
 
-/// The views without what is kept to judge by.
+constexpr std::size_t kFewestOfView = 12;
+
+/// The views without what is kept to judge by: a point of the pattern at its height, whichever image
+/// shows it.
 std::vector<PatternView> views_to_fit(const CameraData& data) {
   std::vector<PatternView> out;
   for (const PatternView& view : data.views) {
     PatternView kept{{}, {}, view.at_zero, view.z_mm};
     for (std::size_t i = 0; i < view.pixels_px.size(); ++i) {
       const auto judges = [&](const PlanePoint& p) {
-        return p.z_mm == view.z_mm && p.pixel_px == view.pixels_px[i];
+        return p.z_mm == view.z_mm && p.on_plane_mm == view.on_pattern_mm[i];
       };
       if (view.at_zero && std::ranges::any_of(data.held_out, judges)) continue;
       kept.pixels_px.push_back(view.pixels_px[i]);
       kept.on_pattern_mm.push_back(view.on_pattern_mm[i]);
     }
-    if (!kept.pixels_px.empty()) out.push_back(std::move(kept));
+    // What is left of a view that judges (points that not every image shows) ties nothing down.
+    if (kept.pixels_px.size() >= kFewestOfView) out.push_back(std::move(kept));
   }
   return out;
 }
@@ -44,14 +48,18 @@ std::vector<PatternView> views_to_fit(const CameraData& data) {
 template <CentralKind kKind>
 FittedCamera fit_central_model(const CameraData& data) {
   const std::vector<PatternView> views = views_to_fit(data);
-  if (std::ranges::none_of(views, &PatternView::at_zero))
+  // Without planes there is no frame to be tied to: the camera's own will do.
+  if (!data.fit.empty() && std::ranges::none_of(views, &PatternView::at_zero))
     throw Error(fmt::format(
         "a {} camera needs a view at zero table angles, which ties it to the plane frame.",
         central_name(kKind)));
   const CentralModel model = fit_central(kKind, views, data.size);
   FittedCamera out;
-  // f_x f_y c_x c_y, distortion, and where the camera is.
-  out.parameters = 4 + static_cast<int>(distortion_terms(kKind)) + 6;
+  // f_x f_y c_x c_y, distortion, where the camera is, and the lean that the heights tell.
+  const bool leans = std::ranges::any_of(views, [&](const PatternView& v) {
+    return v.at_zero && v.z_mm != std::ranges::find_if(views, &PatternView::at_zero)->z_mm;
+  });
+  out.parameters = 4 + static_cast<int>(distortion_terms(kKind)) + 6 + (leans ? 2 : 0);
   out.ray = [model, planes = data.planes](const Vector2d& p) { return model.ray(p, planes); };
   out.in_domain = [model](const Vector2d& p) { return model.normalise(p).allFinite(); };
   out.store = [model](Calibration& c) { c.central.push_back(model); };

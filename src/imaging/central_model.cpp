@@ -211,7 +211,7 @@ CentralModel fit_central(CentralKind kind, std::span<const PatternView> views, I
   if (views.size() < 3)
     throw Error(
         fmt::format("a {} camera needs at least three views of the pattern, found {}. Add "
-                    "pinhole_views to the calibration scenario.",
+                    "tilted views (pinhole_views of a scenario, views of a calibration set).",
                     central_name(kind), views.size()));
   // OpenCV takes single precision: 3e-5 px at 1000 px.
   std::vector<std::vector<cv::Point3f>> object;

@@ -123,6 +123,9 @@ std::vector<MapPoint> bundle_map(const IrtModel& model, int steps);
 /// the image, with what to do; it is then never used.
 void check_handedness(const IrtModel& model, const std::string& name);
 
+/// A plane whose points cover less of what all planes show is a strip: it limits the domain.
+constexpr double kStripCoverage = 0.5;
+
 /// What one plane of a fit contributes.
 struct FittedPlane {
   double z_mm = 0.0;
@@ -132,8 +135,7 @@ struct FittedPlane {
   /// plane's points: below 1 where they determine it well.
   double noise_gain = 0.0;
 
-  /// It limits the domain to less than half of what the other planes show.
-  bool is_strip() const { return coverage < 0.5; }
+  bool is_strip() const { return coverage < kStripCoverage; }
 };
 
 /// A used point's residual, that of a fit without the point, and its leverage.

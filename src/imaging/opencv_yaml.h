@@ -1,6 +1,6 @@
 // Camera files of OpenCV's calibration sample (samples/cpp/tutorial_code/calib3d/camera_calibration):
 // image_width, image_height, fisheye_model, camera_matrix, distortion_coefficients,
-// avg_reprojection_error; YAML, or XML or JSON by the file's ending, through cv::FileStorage. They
+// avg_reprojection_error; YAML or XML, through cv::FileStorage. They
 // say nothing of a pattern or a stage: an imported camera's plane frame is its own frame turned over
 // (x right, y up, z towards the camera, origin in its centre), so that planes in front of it lie at
 // negative heights.

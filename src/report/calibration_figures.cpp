@@ -46,7 +46,7 @@ double tidy_mm(double z) { return std::round(1000.0 * z) / 1000.0; }
 constexpr const char* kHeat =
     "set palette defined (0 '#fff5e1', 0.5 '#E69F00', 1 '#8c2d04')\n";
 
-/// Largest spacing of a plane's points from their nearest neighbours, to scale arrows by.
+/// Least distance of two points of a plane, to scale arrows by.
 double arrow_span_mm(const CalibrationSet& set, const std::vector<PlanePoint>& points) {
   if (set.spacing_mm > 0.0) return set.spacing_mm;
   double nearest = INFINITY;
@@ -110,8 +110,8 @@ void positions_figure(const Context& to, const CalibrationSet& set) {
       csv.integer(to.calibration.irt.in_domain(p.pixel_px)).end_row();
     }
     plots += fmt::format(
-        "set title '{:g} mm ({})'\nplot 'DATA' every ::1 using ($1 == {:g} ? $2 : 1/0):3 with points "
-        "pt 6 ps 1.1 lc rgb '{}' title 'standard', '' every ::1 using ($1 == {:g} && $6 == 1 ? $4 : "
+        "set title '{:g} mm ({})'\nplot 'DATA' every ::1 using ($1 == {:.3f} ? $2 : 1/0):3 with points "
+        "pt 6 ps 1.1 lc rgb '{}' title 'standard', '' every ::1 using ($1 == {:.3f} && $6 == 1 ? $4 : "
         "1/0):5 with points pt 2 ps 0.7 lc rgb '{}' title 'recalculated'\n",
         tidy_mm(plane.z_mm), plane.fit ? "fitted" : "kept out", tidy_mm(plane.z_mm), kColours[0],
         tidy_mm(plane.z_mm), kColours[1]);
@@ -232,10 +232,10 @@ void orders_figure(const Context& to) {
   Draft draft;
   draft.figure.name = "calibration_orders";
   draft.figure.caption = fmt::format(
-      "Residuals of the ray model against its polynomial order; order {} was used (line). What is "
-      "fitted only falls; points left out one at a time and planes kept out show where a model "
-      "begins to follow the noise.",
-      to.calibration.irt.order());
+      "Residuals of the ray model against its polynomial order; order {} was used (line). On the same "
+      "points the fit only gets closer; points left out one at a time, and {} kept out, show where a "
+      "model begins to follow the noise.",
+      to.calibration.irt.order(), to.calibration.planes.empty() ? "views" : "planes");
   draft.commands = fmt::format(
       "set logscale y\nset xlabel 'polynomial order'\nset ylabel 'residual / mm rms'\nset xrange "
       "[0.5:9.5]\nset xtics 1\nset arrow from {0},graph 0 to {0},graph 1 nohead dt 2 lc rgb "
@@ -316,7 +316,9 @@ std::vector<Draft> calibration_drafts(const std::filesystem::path& folder,
                            tidy_mm(z)),
                1000.0);
   }
-  map_figure(to, bundle_map(model, kSteps), kSteps, "calibration_bundle", "distance_mm",
+  constexpr double kMeetMm = 1e-6;  // rays of an ideal camera do, and there is nothing to draw
+  if (model.bundle_centre().second > kMeetMm)
+    map_figure(to, bundle_map(model, kSteps), kSteps, "calibration_bundle", "distance_mm",
              "distance / mm",
              "Distance of each ray from the point that all pass nearest to: 0 everywhere for a camera "
              "whose rays meet in one point.",

@@ -38,7 +38,7 @@ std::string planes_text(const Calibration& c) {
   }
   md += "\n";
   for (const PlaneResidual& p : c.planes)
-    if (p.fitted && p.coverage < 0.5)
+    if (p.fitted && p.coverage < kStripCoverage)
       md += fmt::format(
           "**The plane at {:.3f} mm shows only a strip**: its points cover {:.0f} % of the area "
           "that "
@@ -71,26 +71,38 @@ std::string fit_text(const Calibration& c) {
 
 std::string orders_text(const Calibration& c) {
   if (c.orders.empty()) return {};
+  const bool views = c.planes.empty();
   std::string md =
-      "Which order? Training residuals always fall; those of points left out one at a time and of "
-      "planes kept out judge.\n\n"
-      "| order | terms | fitted / mm rms | left out / mm rms | kept out / mm rms | kept out / mm "
-      "max "
-      "| largest leverage | |\n|--:|--:|--:|--:|--:|--:|--:|---|\n";
-  int best = 0;
-  try {
-    best = choose_order(c.orders);
-  } catch (const std::exception&) {
-  }
+      views ? "Which order? On the same points the fit only gets closer with every order; views kept "
+              "out (every third), whose poses alone are fitted afterwards, judge.\n\n"
+              "| order | terms | points | outliers | fitted / mm rms | kept out / mm rms | |\n"
+              "|--:|--:|--:|--:|--:|--:|---|\n"
+            : "Which order? On the same points the fit only gets closer with every order (each leaves "
+              "out outliers of its own); points left out one at a time and planes kept out judge.\n\n"
+              "| order | terms | points | outliers | fitted / mm rms | left out / mm rms | kept out / mm "
+              "rms | kept out / mm max | largest leverage | chi^2 / dof | |\n"
+              "|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|\n";
   for (const OrderRow& o : c.orders) {
-    std::string note = !o.refused.empty() ? "refused: " + o.refused : "";
-    if (o.order == c.irt.order())
-      note = o.order == best ? "used; what the residuals choose" : "used";
-    else if (o.order == best)
-      note = "what the residuals choose";
-    md += fmt::format("| {} | {} | {} | {} | {} | {} | {} | {} |\n", o.order, o.terms,
-                      cell(o.rms_mm, 4), cell(o.loo_rms_mm, 4), cell(o.held_out_rms_mm, 4),
-                      cell(o.held_out_max_mm, 4), cell(o.max_leverage, 2), note);
+    const std::string note = !o.refused.empty()            ? "refused: " + o.refused
+                             : o.order == c.irt.order() ? "used"
+                                                          : "";
+    md += fmt::format("| {} | {} | {} | {} | {} |", o.order, o.terms, o.points, o.outliers,
+                      cell(o.rms_mm, 4));
+    if (!views) md += fmt::format(" {} |", cell(o.loo_rms_mm, 4));
+    md += fmt::format(" {} |", cell(o.held_out_rms_mm, 4));
+    if (!views)
+      md += fmt::format(" {} | {} | {} |", cell(o.held_out_max_mm, 4), cell(o.max_leverage, 2),
+                        cell(o.chi2_per_dof, 2));
+    md += fmt::format(" {} |\n", note);
+  }
+  if (!views) {
+    try {
+      const int best = choose_order(c.orders);
+      md += fmt::format("\nThe residuals choose order {}{}.\n", best,
+                        best == c.irt.order() ? ", which was used" : "; another one was asked for");
+    } catch (const Error&) {
+      // No order is carried; the rows say why.
+    }
   }
   return md + "\n";
 }
@@ -98,7 +110,7 @@ std::string orders_text(const Calibration& c) {
 std::string models_text(const Calibration& c) {
   if (c.models.empty()) return {};
   std::string md =
-      "Camera models on the same points, which none of them has seen:\n\n"
+      "Camera models, fitted to the same points and judged on points that none of them has seen:\n\n"
       "| model | parameters | fitted / mm rms | kept out / mm rms | kept out / mm max | kept out / "
       "px "
       "rms | kept out / px max |\n|---|--:|--:|--:|--:|--:|--:|\n";
@@ -119,7 +131,7 @@ std::string central_text(const Calibration& c) {
         "- {}: {:.4f} px rms over {} views; f = ({:.2f}, {:.2f}) px, centre ({:.2f}, "
         "{:.2f}) px\n",
         central_name(m.kind), m.rms_px, m.views, m.fx, m.fy, m.cx, m.cy);
-  return md.empty() ? md : "Central models, fitted to all views:\n\n" + md + "\n";
+  return md.empty() ? md : "Central models:\n\n" + md + "\n";
 }
 
 std::string stage_text(const Calibration& c) {
@@ -149,22 +161,36 @@ void make_folder(const fs::path& folder) {
 
 std::string calibration_text(const Calibration& c) {
   std::string md = fmt::format(
-      "Source: {}{}. Ray model of order {} over planes at {:.3f} and {:.3f} mm, {} x {} px, {} "
-      "points, {} outliers left out.\n\n",
-      c.source, c.simulated ? " (simulated)" : "", c.irt.order(), c.irt.planes().a_mm,
-      c.irt.planes().b_mm, c.irt.image_size().width, c.irt.image_size().height, c.points,
-      c.outliers.size());
-  md += planes_text(c) + fit_text(c);
+      "Source: {}{}. Ray model of order {} over planes at {:.3f} and {:.3f} mm, {} x {} px", c.source,
+      c.simulated ? " (simulated)" : "", c.irt.order(), c.irt.planes().a_mm, c.irt.planes().b_mm,
+      c.irt.image_size().width, c.irt.image_size().height);
+  if (c.points > 0)
+    md += fmt::format(", {} points, {} outliers left out.", c.points, c.outliers.size());
+  else if (c.sigma_mm > 0.0)
+    md += fmt::format("; it reproduces the camera that was taken over to {:.2g} mm per coordinate.",
+                      c.sigma_mm);
+  else
+    md += "; it came as numbers, without points.";
+  if (c.planes.empty() && !c.central.empty())
+    md += " Frame: the camera's own, turned over: origin in the lens, x right, y up, z towards the "
+          "camera, so that what is seen lies at negative heights; the two planes span what was seen.";
+  if (!c.planes.empty())
+    md += " Residuals are distances in the plane, x and y together; of planes kept out, those of points "
+          "in the calibrated area.";
+  md += "\n\n" + planes_text(c) + fit_text(c);
   const auto [centre, spread] = c.irt.bundle_centre();
   const auto [low, high] = c.irt.jacobian_range();
   md += fmt::format(
-      "The rays pass nearest to ({:.2f}, {:.2f}, {:.2f}) mm, {:.3f} mm rms apart: that is how "
-      "central the lens is. Right-handed: det d(x,y)/d(u,v) = {:.4f}..{:.4f} mm^2/px^2.\n\n",
-      centre.x(), centre.y(), centre.z(), spread, low, high);
+      "The rays pass nearest to ({}, {}, {}) mm, {:.3g} mm rms apart: that is how central the lens is. "
+      "Right-handed: det d(x,y)/d(u,v) = {:.4f}..{:.4f} mm^2/px^2.\n\n",
+      fixed(centre.x(), 2), fixed(centre.y(), 2), fixed(centre.z(), 2), spread, low, high);
   md += orders_text(c) + models_text(c) + central_text(c) + stage_text(c);
   for (const PlanePoint& p : c.outliers)
-    md += fmt::format("Outlier: point ({}, {}) on the plane at {:.3f} mm.\n", p.column, p.row,
-                      p.z_mm);
+    md += c.planes.empty()
+              ? fmt::format("Outlier: point {} of view {} at ({:.1f}, {:.1f}) px.\n", p.column + 1,
+                            p.row + 1, p.pixel_px.x(), p.pixel_px.y())
+              : fmt::format("Outlier: point ({}, {}) on the plane at {:.3f} mm.\n", p.column, p.row,
+                            p.z_mm);
   return md;
 }
 
@@ -179,10 +205,17 @@ std::filesystem::path write_calibration_report(const fs::path& folder, const Cal
   for (const CentralKind kind : kCentralKinds)
     fs::remove(folder / "opencv" / fmt::format("{}.yml", central_name(kind)), ignored);
   write_atomically(folder / "calibration.json", calibration_to_json(c));
-  const MonomialTable ours{"ours", c.irt.order(), c.irt.monomials(VDirection::kDown)};
+  // v counted upward, as in the published table.
+  const MonomialTable ours{"ours", c.irt.order(), c.irt.monomials(VDirection::kUp)};
+  const std::string heading = fmt::format(
+      "Table 1: coefficients of the two planes at {:.3f} mm and {:.3f} mm; raw pixels, v counted upward: "
+      "v' = {} - v",
+      c.irt.planes().a_mm, c.irt.planes().b_mm, c.irt.image_size().height - 1);
   write_atomically(folder / "tables" / "table1.csv", monomials_to_csv({&ours, 1}));
-  write_atomically(folder / "tables" / "table1.md", monomials_to_markdown({&ours, 1}));
-  write_atomically(folder / "tables" / "table1.tex", monomials_to_latex({&ours, 1}));
+  write_atomically(folder / "tables" / "table1.md",
+                   fmt::format("# {}\n\n{}", heading, monomials_to_markdown({&ours, 1})));
+  write_atomically(folder / "tables" / "table1.tex",
+                   fmt::format("% {}\n{}", heading, monomials_to_latex({&ours, 1})));
   if (!c.orders.empty()) orders_csv(c.orders).write(folder / "tables" / "orders.csv");
   if (!c.models.empty()) {
     Csv csv({"model", "parameters", "fitted_rms_mm", "fitted_max_mm", "held_out_rms_mm",

@@ -36,7 +36,7 @@ PatternStatus check_lattice(std::vector<LatticeNode>& nodes, std::vector<Circle>
                             PatternMap& map) {
   constexpr double kMostLeverage = 0.98;  // beyond, a residual says nothing of its point
   constexpr double kDoubt = 4.0;          // sigmas, or medians: rarer than 1 in 3000 by noise
-  constexpr double kFarSteps = 0.01;      // a member's residual up to here is never doubted
+  constexpr double kFarSteps = 0.01;      // with a residual up to here no member is left out
   constexpr double kSmoothSteps = 0.02;   // rms of what is left; more is not one lattice
   // Residuals of two neighbours that differ by more are a break, and so many a seam. A sheet that
   // buckles, or a shadow's edge on a circle, breaks one circle's neighbourhood: four.

@@ -202,7 +202,11 @@ TEST(RealSteppedTarget, TheStripIsRecognisedAndHighOrdersAreRefused) {
   EXPECT_FALSE(row_of(c, 9).refused.empty());
   // Most of the plane between lies outside the strip.
   EXPECT_GT(row_of(c, 1).outside_points, row_of(c, 1).held_out_points);
-  const std::string refusal = message_of<Error>([&] { calibrate(set, 9); });
+  const std::string refusal = message_of<Error>([&] {
+    CalibrationSet ninth = set;
+    ninth.order = 9;
+    calibrate(ninth);
+  });
   EXPECT_THAT(refusal, HasSubstr("plane"));
 }
 

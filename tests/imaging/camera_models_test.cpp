@@ -81,7 +81,23 @@ TEST(CameraModels, OnAPhysicalLensThoseWithDistortionLeaveThePinholeFarBehind) {
   // The base plane is 700 mm away at 1945 px: 0.36 mm to the pixel.
   EXPECT_NEAR(pinhole.held_out_rms_mm / pinhole.held_out_rms_px, 0.36, 0.02);
   EXPECT_EQ(row_of(rows, "irt").parameters, 84);
-  EXPECT_EQ(row_of(rows, "brown").parameters, 15);
+  EXPECT_EQ(row_of(rows, "brown").parameters, 17);  // four, five of distortion, pose, lean
+}
+
+TEST(CameraModels, NeverSeeAPointThatJudgesWhicheverImageShowsIt) {
+  CameraData data = sweep(0.005), without = data;
+  // Points are means over several images; no view has just their pixels.
+  PatternView again = data.views[0];
+  for (Vector2d& px : again.pixels_px) px += Vector2d(0.3, -0.2);
+  data.views.insert(data.views.begin() + 1, again);
+  // A point that only one image shows is in no mean: the remnant of a view counts as none.
+  data.views[0].pixels_px.emplace_back(500.0, 500.0);
+  data.views[0].on_pattern_mm.emplace_back(1234.0, 5678.0);
+  without.views.erase(without.views.begin());
+  const ModelRow all = row_of(compare_models(data), "brown");
+  const ModelRow none = row_of(compare_models(without), "brown");
+  EXPECT_EQ(all.why_not, "");
+  EXPECT_EQ(all.held_out_rms_mm, none.held_out_rms_mm);
 }
 
 TEST(CameraModels, TheLeanOfTheStageIsFoundAndNotTakenForAnAttitude) {

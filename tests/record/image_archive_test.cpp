@@ -90,7 +90,7 @@ TEST(ImageArchive, RefusesColour16BitAndOtherFormatsAndSaysWhatToDo) {
               AllOf(HasSubstr("not a PNG"), HasSubstr("Convert")));
   EXPECT_THAT(complaint_about(folder / "text.png"), HasSubstr("not a PNG"));
   EXPECT_THAT(complaint_about(folder / "missing.png"), HasSubstr("cannot be read"));
-  EXPECT_THAT(complaint_about(folder.path()), HasSubstr("cannot be read"));
+  EXPECT_THAT(complaint_about(folder.path()), HasSubstr("is a folder"));
 }
 
 TEST(ImageArchive, LeavesNothingBehindWhenTheDiskIsFull) {

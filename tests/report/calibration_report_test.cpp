@@ -76,7 +76,7 @@ TEST(CalibrationReport, SaysInNumbersAndPicturesHowGoodTheCameraIs) {
   const fs::path report = write_calibration_report(folder.path(), calibration, set);
   const std::string text = slurp(report);
   for (const char* words :
-       {"**Simulated.**", "Left out one at a time", "chi-square", "used; what the residuals choose",
+       {"**Simulated.**", "Left out one at a time", "chi-square", "| used |", "The residuals choose order 5, which was used",
         "| irt |", "| fisheye |", "0.00070", "(0.0100, -0.0200)", "one thing that was left out",
         "base.png", "calibrated area"})
     EXPECT_THAT(text, HasSubstr(words));
