@@ -238,8 +238,11 @@ std::filesystem::path write_calibration_report(const fs::path& folder, const Cal
   if (set) {
     for (const std::string& remark : set->remarks) md += remark + "\n\n";
   }
-  md += "## Figures\n\n" +
-        figures_markdown(draw(folder / "figures", calibration_drafts(folder / "figures", c, set)));
+  const std::vector<Draft> drafts = calibration_drafts(folder / "figures", c, set);
+  if (drafts.empty())  // an ideal camera that came as numbers
+    fs::remove(folder / "figures");
+  else
+    md += "## Figures\n\n" + figures_markdown(draw(folder / "figures", drafts));
   if (!c.images.empty()) {
     md += "## Images\n\n| file | SHA-256 |\n|---|---|\n";
     for (const UsedImage& image : c.images)
