@@ -147,15 +147,15 @@ nlohmann::json provenance(const RigFile& rig, const std::string& command) {
 /// then do the residuals belong into the run's report.
 std::optional<CalibrationSet> sweep_behind(const Calibration& calibration, const RunRecord& record,
                                            const RunFolder& folder, const RigFile& rig) {
-  if (!has_calibration_sweep(record.plan) ||
-      calibration.source != calibration_source(record.plan))
+  if (!has_calibration_sweep(record.plan) || calibration.source != calibration_source(record.plan))
     return {};
   for (const TakenPose& pose : record.poses)
     if (record.plan.scenario_of(pose.planned).kind == ScenarioKind::kCalibration)
       for (const TakenImage& image : pose.images)
         if (image.file.empty() || !fs::exists(folder.root() / image.file)) {
           spdlog::warn(
-              "{}: the pattern's images are not all there; figures of the calibration are left out.",
+              "{}: the pattern's images are not all there; figures of the calibration are left "
+              "out.",
               folder.root().string());
           return {};
         }

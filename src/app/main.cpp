@@ -109,23 +109,26 @@ int main(int argc, char** argv) {
 
   CalibrateArguments calibrate;
   auto* calibrate_verb = app.add_subcommand(
-      "calibrate", "Calibrate a camera from a run, a sweep to be taken, images, points or an OpenCV "
-                   "file");
+      "calibrate",
+      "Calibrate a camera from a run, a sweep to be taken, images, points or an OpenCV "
+      "file");
   calibrate_verb
-      ->add_option("source", calibrate.source,
-                   "run folder, calibration scenario (then a sweep is run), calibration set (images "
-                   "or points that are there already), calibration.json (printed), or OpenCV camera "
-                   "(.yml, .xml)")
+      ->add_option(
+          "source", calibrate.source,
+          "run folder, calibration scenario (then a sweep is run), calibration set (images "
+          "or points that are there already), calibration.json (printed), or OpenCV camera "
+          "(.yml, .xml)")
       ->required();
   calibrate_verb->add_option("--rig", calibrate.rig, "rig file, for a scenario");
-  calibrate_verb->add_option(
-      "--order", calibrate.order,
-      "runs and calibration sets: polynomial order 1 to 9, or auto: what held-out and leave-one-out "
-      "residuals justify (default: as the source says)");
+  calibrate_verb->add_option("--order", calibrate.order,
+                             "runs and calibration sets: polynomial order 1 to 9, or auto: what "
+                             "held-out and leave-one-out "
+                             "residuals justify (default: as the source says)");
   calibrate_verb
-      ->add_option("--planes", calibrate.planes_mm,
-                   "OpenCV camera: two heights between which its rays are stated, mm, negative = in "
-                   "front")
+      ->add_option(
+          "--planes", calibrate.planes_mm,
+          "OpenCV camera: two heights between which its rays are stated, mm, negative = in "
+          "front")
       ->delimiter(',');
   calibrate_verb->add_option(
       "--out", calibrate.out,

@@ -110,15 +110,17 @@ class Readings {
     along_x.normalize();
     if (!first_) first_ = along_x;
     if (along_x.dot(*first_) < std::sqrt(0.5))
-      throw ConfigError(file, "",
-                        "can be read in more than one way, and is read otherwise than the first image "
-                        "on a plane. Mount the pattern with x near to u (within 40 deg), or use one "
-                        "with direction circles.");
+      throw ConfigError(
+          file, "",
+          "can be read in more than one way, and is read otherwise than the first image "
+          "on a plane. Mount the pattern with x near to u (within 40 deg), or use one "
+          "with direction circles.");
   }
   void remark(std::vector<std::string>& remarks) const {
     if (half_ + quarter_ == 0) return;
     remarks.push_back(fmt::format(
-        "The pattern looks the same after {}: in {} images the reading whose x points most nearly to "
+        "The pattern looks the same after {}: in {} images the reading whose x points most nearly "
+        "to "
         "the right was taken.",
         quarter_ > 0 ? "a quarter turn" : "half a turn (180 deg)", std::max(half_, quarter_)));
   }

@@ -382,8 +382,8 @@ Calibration parse_calibration(const std::string& text, const std::string& name) 
   for (const Json& j : json.value("orders", Json::array())) c.orders.push_back(order_row_from(j));
   for (const Json& j : json.value("models", Json::array())) c.models.push_back(model_row_from(j));
   for (const Json& j : json.value("stage", Json::array())) {
-    c.stage.push_back({j.at("z_mm"), j.at("read_back_mm"), j.at("visits"), j.at("drift_mm"),
-                       Vector2d(NAN, NAN)});
+    c.stage.push_back(
+        {j.at("z_mm"), j.at("read_back_mm"), j.at("visits"), j.at("drift_mm"), Vector2d(NAN, NAN)});
     if (j.contains("drift_px"))
       c.stage.back().drift_px = {j.at("drift_px").at(0).get<double>(),
                                  j.at("drift_px").at(1).get<double>()};

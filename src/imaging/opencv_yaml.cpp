@@ -190,8 +190,8 @@ CentralModel parse_opencv_yaml(const std::string& text, const std::string& name)
   if (!file["avg_reprojection_error"].empty())
     m.rms_px = number(file["avg_reprojection_error"], name, "avg_reprojection_error");
   if (!file["nr_of_frames"].empty())
-    m.views = static_cast<int>(
-        std::clamp(number(file["nr_of_frames"], name, "nr_of_frames"), 0.0, 1e6));
+    m.views =
+        static_cast<int>(std::clamp(number(file["nr_of_frames"], name, "nr_of_frames"), 0.0, 1e6));
   if (!(m.rms_px >= 0))
     refuse(name, "avg_reprojection_error",
            fmt::format("found {} px, allowed: 0 or more.", m.rms_px));

@@ -43,8 +43,7 @@ struct Context {
 /// Plane heights in file names and captions: 130, not 130.00002.
 double tidy_mm(double z) { return std::round(1000.0 * z) / 1000.0; }
 
-constexpr const char* kHeat =
-    "set palette defined (0 '#fff5e1', 0.5 '#E69F00', 1 '#8c2d04')\n";
+constexpr const char* kHeat = "set palette defined (0 '#fff5e1', 0.5 '#E69F00', 1 '#8c2d04')\n";
 
 /// Least distance of two points of a plane, to scale arrows by.
 double arrow_span_mm(const CalibrationSet& set, const std::vector<PlanePoint>& points) {
@@ -110,8 +109,10 @@ void positions_figure(const Context& to, const CalibrationSet& set) {
       csv.integer(to.calibration.irt.in_domain(p.pixel_px)).end_row();
     }
     plots += fmt::format(
-        "set title '{:g} mm ({})'\nplot 'DATA' every ::1 using ($1 == {:.3f} ? $2 : 1/0):3 with points "
-        "pt 6 ps 1.1 lc rgb '{}' title 'standard', '' every ::1 using ($1 == {:.3f} && $6 == 1 ? $4 : "
+        "set title '{:g} mm ({})'\nplot 'DATA' every ::1 using ($1 == {:.3f} ? $2 : 1/0):3 with "
+        "points "
+        "pt 6 ps 1.1 lc rgb '{}' title 'standard', '' every ::1 using ($1 == {:.3f} && $6 == 1 ? "
+        "$4 : "
         "1/0):5 with points pt 2 ps 0.7 lc rgb '{}' title 'recalculated'\n",
         tidy_mm(plane.z_mm), plane.fit ? "fitted" : "kept out", tidy_mm(plane.z_mm), kColours[0],
         tidy_mm(plane.z_mm), kColours[1]);
@@ -121,7 +122,8 @@ void positions_figure(const Context& to, const CalibrationSet& set) {
   Draft draft;
   draft.figure.name = "figure9_positions";
   draft.figure.caption =
-      "Positions of the pattern's points on each plane: standard, and recalculated by the ray model "
+      "Positions of the pattern's points on each plane: standard, and recalculated by the ray "
+      "model "
       "from their pixels, those in the calibrated area (as figure 9).";
   draft.size = fmt::format("{},{}", 480 * columns, 480 * rows);
   draft.commands = fmt::format(
@@ -148,7 +150,8 @@ void residual_figures(const Context& to, const CalibrationSet& set, const SeenPl
       largest = std::max(largest, r.norm());
       low = low.cwiseMin(p.on_plane_mm);
       high = high.cwiseMax(p.on_plane_mm);
-      block += fmt::format("{:.4f},{:.4f},{:.6f}\n", p.on_plane_mm.x(), p.on_plane_mm.y(), r.norm());
+      block +=
+          fmt::format("{:.4f},{:.4f},{:.6f}\n", p.on_plane_mm.x(), p.on_plane_mm.y(), r.norm());
       ++inside;
     }
     csv.integer(p.column).integer(p.row).number(p.on_plane_mm.x(), 4).number(p.on_plane_mm.y(), 4);
@@ -177,7 +180,8 @@ void residual_figures(const Context& to, const CalibrationSet& set, const SeenPl
             "set view map\nset size ratio -1\nset contour surface\nset cntrparam levels auto 6\n"
             "splot $inside using 1:2:3 with pm3d nocontour, '' using 1:2:3 with lines lc rgb "
             "'#444444' lw 0.8 nosurface\n"
-            "unset contour\nset view 58,35\nset size noratio\nset xyplane 0\nset zlabel 'residual / "
+            "unset contour\nset view 58,35\nset size noratio\nset xyplane 0\nset zlabel 'residual "
+            "/ "
             "mm' rotate\nunset colorbox\nsplot $inside using 1:2:3 with pm3d\nunset multiplot\n",
             low.x(), high.x(), low.y(), high.y());
     to.add(std::move(map), csv);
@@ -190,11 +194,10 @@ void residual_figures(const Context& to, const CalibrationSet& set, const SeenPl
       which, largest);
   arrows.size = "760,620";
   arrows.commands =
-      common +
-      fmt::format(
-          "set size ratio -1\nk = {}\nplot 'DATA' every ::1 using 3:4:($11 == 1 ? $8*k : "
-          "1/0):($9*k):10 with vectors head filled lw 1.5 lc palette\n",
-          largest > 0 ? arrow_span_mm(set, plane.points) / largest : 1.0);
+      common + fmt::format(
+                   "set size ratio -1\nk = {}\nplot 'DATA' every ::1 using 3:4:($11 == 1 ? $8*k : "
+                   "1/0):($9*k):10 with vectors head filled lw 1.5 lc palette\n",
+                   largest > 0 ? arrow_span_mm(set, plane.points) / largest : 1.0);
   to.add(std::move(arrows), csv);
 }
 
@@ -212,12 +215,14 @@ void coverage_figure(const Context& to, const CalibrationSet& set) {
   Draft draft;
   draft.figure.name = "calibration_coverage";
   draft.figure.caption =
-      "Where in the image the calibration's points lie, and the calibrated area (line): outside it a "
+      "Where in the image the calibration's points lie, and the calibrated area (line): outside it "
+      "a "
       "ray is an extrapolation, and is flagged.";
   draft.size = "860,640";
   draft.commands = to.domain_block() + to.image_frame() + "plot ";
   for (const auto& [kind, title, colour, mark] :
-       {std::tuple("view", "tilted views", kColours[5], 1), {"fit", "fitted", kColours[0], 6},
+       {std::tuple("view", "tilted views", kColours[5], 1),
+        {"fit", "fitted", kColours[0], 6},
         {"check", "kept out", kColours[1], 2}})
     draft.commands += fmt::format(
         "'DATA' every ::1 using (strcol(1) eq '{}' ? $2 : 1/0):3 with points pt {} ps 0.6 lc rgb "
@@ -232,8 +237,10 @@ void orders_figure(const Context& to) {
   Draft draft;
   draft.figure.name = "calibration_orders";
   draft.figure.caption = fmt::format(
-      "Residuals of the ray model against its polynomial order; order {} was used (line). On the same "
-      "points the fit only gets closer; points left out one at a time, and {} kept out, show where a "
+      "Residuals of the ray model against its polynomial order; order {} was used (line). On the "
+      "same "
+      "points the fit only gets closer; points left out one at a time, and {} kept out, show where "
+      "a "
       "model begins to follow the noise.",
       to.calibration.irt.order(), to.calibration.planes.empty() ? "views" : "planes");
   draft.commands = fmt::format(
@@ -241,7 +248,8 @@ void orders_figure(const Context& to) {
       "[0.5:9.5]\nset xtics 1\nset arrow from {0},graph 0 to {0},graph 1 nohead dt 2 lc rgb "
       "'#888888'\n"
       "plot 'DATA' every ::1 using 1:5 with linespoints pt 6 lw 1.5 lc rgb '{1}' title 'fitted', "
-      "'' every ::1 using 1:6 with linespoints pt 4 lw 1.5 dt 2 lc rgb '{2}' title 'left out one at "
+      "'' every ::1 using 1:6 with linespoints pt 4 lw 1.5 dt 2 lc rgb '{2}' title 'left out one "
+      "at "
       "a time', "
       "'' every ::1 using 1:7 with linespoints pt 8 lw 1.5 dt 4 lc rgb '{3}' title 'kept out'\n",
       to.calibration.irt.order(), kColours[0], kColours[1], kColours[2]);
@@ -253,8 +261,11 @@ void map_figure(const Context& to, const std::vector<MapPoint>& map, int steps,
                 const std::string& caption, double scale) {
   Csv csv({"u_px", "v_px", column, "in_domain"});
   for (const MapPoint& p : map)
-    csv.number(p.pixel_px.x(), 2).number(p.pixel_px.y(), 2).number(scale * p.value, 6)
-        .integer(p.in_domain).end_row();
+    csv.number(p.pixel_px.x(), 2)
+        .number(p.pixel_px.y(), 2)
+        .number(scale * p.value, 6)
+        .integer(p.in_domain)
+        .end_row();
   Draft draft;
   draft.figure.name = name;
   draft.figure.caption = caption;
@@ -263,14 +274,15 @@ void map_figure(const Context& to, const std::vector<MapPoint>& map, int steps,
   for (const MapPoint& p : map)
     if (p.in_domain) largest = std::max(largest, scale * p.value);
   const ImageSize size = to.calibration.irt.image_size();
-  draft.commands = to.domain_block() + to.image_frame() + kHeat +
-                   fmt::format(
-                       "set cblabel '{}'\nset cbrange [0:{:.6g}]\nset key off\nset style fill solid "
-                       "noborder\n"
-                       "plot 'DATA' every ::1 using 1:2:({:.4f}):({:.4f}):3 with boxxyerror lc "
-                       "palette, $domain using 1:2 with lines lw 2 lc rgb '#000000'\n",
-                       label, largest > 0.0 ? 1.3 * largest : 1.0, 0.5 * size.width / steps,
-                       0.5 * size.height / steps);
+  draft.commands =
+      to.domain_block() + to.image_frame() + kHeat +
+      fmt::format(
+          "set cblabel '{}'\nset cbrange [0:{:.6g}]\nset key off\nset style fill solid "
+          "noborder\n"
+          "plot 'DATA' every ::1 using 1:2:({:.4f}):({:.4f}):3 with boxxyerror lc "
+          "palette, $domain using 1:2 with lines lw 2 lc rgb '#000000'\n",
+          label, largest > 0.0 ? 1.3 * largest : 1.0, 0.5 * size.width / steps,
+          0.5 * size.height / steps);
   to.add(std::move(draft), csv);
 }
 
@@ -309,20 +321,21 @@ std::vector<Draft> calibration_drafts(const std::filesystem::path& folder,
     double z = model.planes().a_mm;
     for (const PlaneResidual& plane : calibration.planes)
       if (!plane.fitted) z = plane.z_mm;
-    map_figure(to, sigma_map(model, z, kSteps), kSteps, "calibration_uncertainty", "sigma_um",
-               "standard uncertainty / um",
-               fmt::format("Standard uncertainty of a ray's x, and of its y, at a height of {:g} mm; "
-                           "the line is the calibrated area, outside it the scale soon ends.",
-                           tidy_mm(z)),
-               1000.0);
+    map_figure(
+        to, sigma_map(model, z, kSteps), kSteps, "calibration_uncertainty", "sigma_um",
+        "standard uncertainty / um",
+        fmt::format("Standard uncertainty of a ray's x, and of its y, at a height of {:g} mm; "
+                    "the line is the calibrated area, outside it the scale soon ends.",
+                    tidy_mm(z)),
+        1000.0);
   }
   constexpr double kMeetMm = 1e-6;  // rays of an ideal camera do, and there is nothing to draw
   if (model.bundle_centre().second > kMeetMm)
-    map_figure(to, bundle_map(model, kSteps), kSteps, "calibration_bundle", "distance_mm",
-             "distance / mm",
-             "Distance of each ray from the point that all pass nearest to: 0 everywhere for a camera "
-             "whose rays meet in one point.",
-             1.0);
+    map_figure(
+        to, bundle_map(model, kSteps), kSteps, "calibration_bundle", "distance_mm", "distance / mm",
+        "Distance of each ray from the point that all pass nearest to: 0 everywhere for a camera "
+        "whose rays meet in one point.",
+        1.0);
   return drafts;
 }
 

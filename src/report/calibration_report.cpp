@@ -73,19 +73,22 @@ std::string orders_text(const Calibration& c) {
   if (c.orders.empty()) return {};
   const bool views = c.planes.empty();
   std::string md =
-      views ? "Which order? On the same points the fit only gets closer with every order; views kept "
-              "out (every third), whose poses alone are fitted afterwards, judge.\n\n"
-              "| order | terms | points | outliers | fitted / mm rms | kept out / mm rms | |\n"
-              "|--:|--:|--:|--:|--:|--:|---|\n"
-            : "Which order? On the same points the fit only gets closer with every order (each leaves "
-              "out outliers of its own); points left out one at a time and planes kept out judge.\n\n"
-              "| order | terms | points | outliers | fitted / mm rms | left out / mm rms | kept out / mm "
-              "rms | kept out / mm max | largest leverage | chi^2 / dof | |\n"
-              "|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|\n";
+      views
+          ? "Which order? On the same points the fit only gets closer with every order; views kept "
+            "out (every third), whose poses alone are fitted afterwards, judge.\n\n"
+            "| order | terms | points | outliers | fitted / mm rms | kept out / mm rms | |\n"
+            "|--:|--:|--:|--:|--:|--:|---|\n"
+          : "Which order? On the same points the fit only gets closer with every order (each "
+            "leaves "
+            "out outliers of its own); points left out one at a time and planes kept out judge.\n\n"
+            "| order | terms | points | outliers | fitted / mm rms | left out / mm rms | kept out "
+            "/ mm "
+            "rms | kept out / mm max | largest leverage | chi^2 / dof | |\n"
+            "|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|\n";
   for (const OrderRow& o : c.orders) {
-    const std::string note = !o.refused.empty()            ? "refused: " + o.refused
+    const std::string note = !o.refused.empty()         ? "refused: " + o.refused
                              : o.order == c.irt.order() ? "used"
-                                                          : "";
+                                                        : "";
     md += fmt::format("| {} | {} | {} | {} | {} |", o.order, o.terms, o.points, o.outliers,
                       cell(o.rms_mm, 4));
     if (!views) md += fmt::format(" {} |", cell(o.loo_rms_mm, 4));
@@ -110,7 +113,8 @@ std::string orders_text(const Calibration& c) {
 std::string models_text(const Calibration& c) {
   if (c.models.empty()) return {};
   std::string md =
-      "Camera models, fitted to the same points and judged on points that none of them has seen:\n\n"
+      "Camera models, fitted to the same points and judged on points that none of them has "
+      "seen:\n\n"
       "| model | parameters | fitted / mm rms | kept out / mm rms | kept out / mm max | kept out / "
       "px "
       "rms | kept out / px max |\n|---|--:|--:|--:|--:|--:|--:|\n";
@@ -128,9 +132,9 @@ std::string central_text(const Calibration& c) {
   std::string md;
   for (const CentralModel& m : c.central)
     md += fmt::format(
-        "- {}: {:.4f} px rms over {} views; f = ({:.2f}, {:.2f}) px, centre ({:.2f}, "
-        "{:.2f}) px\n",
-        central_name(m.kind), m.rms_px, m.views, m.fx, m.fy, m.cx, m.cy);
+        "- {}: f = ({:.2f}, {:.2f}) px, centre ({:.2f}, {:.2f}) px; {:.4f} px rms {}\n",
+        central_name(m.kind), m.fx, m.fy, m.cx, m.cy, m.rms_px,
+        m.views > 0 ? fmt::format("over {} views", m.views) : "off the camera that was taken over");
   return md.empty() ? md : "Central models:\n\n" + md + "\n";
 }
 
@@ -161,9 +165,9 @@ void make_folder(const fs::path& folder) {
 
 std::string calibration_text(const Calibration& c) {
   std::string md = fmt::format(
-      "Source: {}{}. Ray model of order {} over planes at {:.3f} and {:.3f} mm, {} x {} px", c.source,
-      c.simulated ? " (simulated)" : "", c.irt.order(), c.irt.planes().a_mm, c.irt.planes().b_mm,
-      c.irt.image_size().width, c.irt.image_size().height);
+      "Source: {}{}. Ray model of order {} over planes at {:.3f} and {:.3f} mm, {} x {} px",
+      c.source, c.simulated ? " (simulated)" : "", c.irt.order(), c.irt.planes().a_mm,
+      c.irt.planes().b_mm, c.irt.image_size().width, c.irt.image_size().height);
   if (c.points > 0)
     md += fmt::format(", {} points, {} outliers left out.", c.points, c.outliers.size());
   else if (c.sigma_mm > 0.0)
@@ -172,25 +176,29 @@ std::string calibration_text(const Calibration& c) {
   else
     md += "; it came as numbers, without points.";
   if (c.planes.empty() && !c.central.empty())
-    md += " Frame: the camera's own, turned over: origin in the lens, x right, y up, z towards the "
-          "camera, so that what is seen lies at negative heights; the two planes span what was seen.";
+    md +=
+        " Frame: the camera's own, turned over: origin in the lens, x right, y up, z towards the "
+        "camera, so that what is seen lies at negative heights; the two planes span what was seen.";
   if (!c.planes.empty())
-    md += " Residuals are distances in the plane, x and y together; of planes kept out, those of points "
-          "in the calibrated area.";
+    md +=
+        " Residuals are distances in the plane, x and y together; of planes kept out, those of "
+        "points "
+        "in the calibrated area.";
   md += "\n\n" + planes_text(c) + fit_text(c);
   const auto [centre, spread] = c.irt.bundle_centre();
   const auto [low, high] = c.irt.jacobian_range();
   md += fmt::format(
-      "The rays pass nearest to ({}, {}, {}) mm, {:.3g} mm rms apart: that is how central the lens is. "
+      "The rays pass nearest to ({}, {}, {}) mm, {:.3g} mm rms apart: that is how central the lens "
+      "is. "
       "Right-handed: det d(x,y)/d(u,v) = {:.4f}..{:.4f} mm^2/px^2.\n\n",
-      fixed(centre.x(), 2), fixed(centre.y(), 2), fixed(centre.z(), 2), spread, low, high);
+      fixed(centre.x(), 2), fixed(centre.y(), 2), fixed(centre.z(), 2),
+      spread < 1e-9 ? 0.0 : spread, low, high);
   md += orders_text(c) + models_text(c) + central_text(c) + stage_text(c);
   for (const PlanePoint& p : c.outliers)
-    md += c.planes.empty()
-              ? fmt::format("Outlier: point {} of view {} at ({:.1f}, {:.1f}) px.\n", p.column + 1,
-                            p.row + 1, p.pixel_px.x(), p.pixel_px.y())
-              : fmt::format("Outlier: point ({}, {}) on the plane at {:.3f} mm.\n", p.column, p.row,
-                            p.z_mm);
+    md += c.planes.empty() ? fmt::format("Outlier: point {} of view {} at ({:.1f}, {:.1f}) px.\n",
+                                         p.column + 1, p.row + 1, p.pixel_px.x(), p.pixel_px.y())
+                           : fmt::format("Outlier: point ({}, {}) on the plane at {:.3f} mm.\n",
+                                         p.column, p.row, p.z_mm);
   return md;
 }
 
@@ -208,7 +216,8 @@ std::filesystem::path write_calibration_report(const fs::path& folder, const Cal
   // v counted upward, as in the published table.
   const MonomialTable ours{"ours", c.irt.order(), c.irt.monomials(VDirection::kUp)};
   const std::string heading = fmt::format(
-      "Table 1: coefficients of the two planes at {:.3f} mm and {:.3f} mm; raw pixels, v counted upward: "
+      "Table 1: coefficients of the two planes at {:.3f} mm and {:.3f} mm; raw pixels, v counted "
+      "upward: "
       "v' = {} - v",
       c.irt.planes().a_mm, c.irt.planes().b_mm, c.irt.image_size().height - 1);
   write_atomically(folder / "tables" / "table1.csv", monomials_to_csv({&ours, 1}));

@@ -42,7 +42,8 @@ std::string script_of(const Draft& draft) {
   for (std::size_t at; (at = commands.find("DATA")) != std::string::npos;)
     commands.replace(at, 4, data);
   return fmt::format(
-      "set terminal svg standalone size {} dynamic noenhanced background rgb 'white' font 'sans,13'\n"
+      "set terminal svg standalone size {} dynamic noenhanced background rgb 'white' font "
+      "'sans,13'\n"
       "set output '{}.svg'\n"
       "set datafile separator ','\nset key outside right top\nset grid lc rgb '#dddddd'\n{}",
       draft.size, draft.figure.name, commands);
@@ -51,8 +52,7 @@ std::string script_of(const Draft& draft) {
 }  // namespace
 
 std::vector<Figure> draw(const std::filesystem::path& folder, const std::vector<Draft>& drafts) {
-  for (const Draft& d : drafts)
-    write_atomically(folder / (d.figure.name + ".gp"), script_of(d));
+  for (const Draft& d : drafts) write_atomically(folder / (d.figure.name + ".gp"), script_of(d));
   std::vector<Figure> figures(drafts.size());
   parallel_for(drafts.size(), [&](std::size_t i) {
     figures[i] = drafts[i].figure;

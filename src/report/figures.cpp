@@ -9,8 +9,8 @@
 namespace turntable {
 namespace {
 
-void trajectory_figure(const std::filesystem::path& folder, const RunRecord& record, std::size_t scenario,
-                       int repeat, std::vector<Draft>& drafts) {
+void trajectory_figure(const std::filesystem::path& folder, const RunRecord& record,
+                       std::size_t scenario, int repeat, std::vector<Draft>& drafts) {
   const ScenarioInfo& info = record.plan.scenarios[scenario];
   Csv csv({"point", "rig_time_s", "stage_mm", "turntable_yaw_deg", "turntable_roll_deg",
            "turntable_pitch_deg"});
@@ -34,8 +34,8 @@ void trajectory_figure(const std::filesystem::path& folder, const RunRecord& rec
   drafts.push_back(std::move(draft));
 }
 
-void error_figure(const std::filesystem::path& folder, const RunRecord& record, const Evaluation& evaluation,
-                  std::size_t scenario, std::vector<Draft>& drafts) {
+void error_figure(const std::filesystem::path& folder, const RunRecord& record,
+                  const Evaluation& evaluation, std::size_t scenario, std::vector<Draft>& drafts) {
   const ScenarioInfo& info = record.plan.scenarios[scenario];
   Csv csv({"solver", "repeat", "turntable_yaw_deg", "turntable_roll_deg", "turntable_pitch_deg",
            "error_yaw_deg", "error_roll_deg", "error_pitch_deg", "error_geodesic_deg"});

@@ -191,7 +191,8 @@ struct GridScene {
       double least = INFINITY;
       for (int row = -7; row <= 7; ++row)
         for (int column = -7; column <= 7; ++column)
-          least = std::min(least, (p - view.pixel_of({20.0 * column, 20.0 * row, 0})).squaredNorm());
+          least =
+              std::min(least, (p - view.pixel_of({20.0 * column, 20.0 * row, 0})).squaredNorm());
       sum += least;
     }
     return std::sqrt(sum / (2.0 * static_cast<double>(found.size())));
@@ -261,14 +262,14 @@ void pattern_among_false_blobs(benchmark::State& state) {
                 v = static_cast<int>(random.uniform(reach, clean.height - reach));
       bool free = true;
       for (int dv = -reach; dv <= reach && free; ++dv)
-        for (int du = -reach; du <= reach && free; ++du)
-          free = cluttered.row(v + dv)[u + du] < 60;
+        for (int du = -reach; du <= reach && free; ++du) free = cluttered.row(v + dv)[u + du] < 60;
       if (!free && random.uniform() < 0.999) continue;  // a few may touch
       for (int dv = -reach; dv <= reach; ++dv)
         for (int du = -reach; du <= reach; ++du) {
           const double inside = radius - std::hypot(du, dv);
           if (inside > 0)
-            cluttered.row(v + dv)[u + du] = static_cast<std::uint8_t>(25 + 180 * std::min(1.0, inside));
+            cluttered.row(v + dv)[u + du] =
+                static_cast<std::uint8_t>(25 + 180 * std::min(1.0, inside));
         }
       ++drawn;
     }

@@ -22,7 +22,8 @@ namespace fs = std::filesystem;
 using ::testing::HasSubstr;
 
 constexpr const char* kAbsent =
-    "REAL DATA ABSENT: nothing of this test was checked. Put the folder shared/real beside the source "
+    "REAL DATA ABSENT: nothing of this test was checked. Put the folder shared/real beside the "
+    "source "
     "tree, or name it in TURNTABLE_REAL.";
 
 const OrderRow& row_of(const Calibration& c, int order) {
@@ -53,9 +54,11 @@ class SimulatedSet {
     for (const double z : {0.0, 130.0, 180.0}) {
       Json images = Json::array();
       for (int k = 0; k < 2; ++k) images.push_back(take(z, 0, 0));
-      json_["planes"].push_back({{"z_mm", z}, {"use", z == 0 ? "check" : "fit"}, {"images", images}});
+      json_["planes"].push_back(
+          {{"z_mm", z}, {"use", z == 0 ? "check" : "fit"}, {"images", images}});
     }
-    for (const auto& [roll, pitch] : {std::pair{25.0, 0.0}, {-20.0, 15.0}, {0.0, -25.0}, {15.0, 20.0}})
+    for (const auto& [roll, pitch] :
+         {std::pair{25.0, 0.0}, {-20.0, 15.0}, {0.0, -25.0}, {15.0, 20.0}})
       json_["views"].push_back(take(80, roll, pitch));
   }
   Json json_;
@@ -135,17 +138,16 @@ CalibrationSet piv_set(const fs::path& real, const TemporaryFolder& folder, int 
                        given.at("z_mm")[i], given.at("u_px_as_given")[i],
                        given.at("v_px_as_given_counted_upward_from_the_bottom")[i]);
   spill(folder / "guides.csv", csv);
-  Json json{{"format", "turntable-calibration-set/1"},
-            {"name", "PIV plate"},
-            {"points",
-             {{"file", "guides.csv"}, {"refine", {{"circles", "bright"}, {"reach_px", 6}}}}},
-            {"planes", Json::array()}};
+  Json json{
+      {"format", "turntable-calibration-set/1"},
+      {"name", "PIV plate"},
+      {"points", {{"file", "guides.csv"}, {"refine", {{"circles", "bright"}, {"reach_px", 6}}}}},
+      {"planes", Json::array()}};
   if (order > 0) json["polynomial_order"] = order;
   for (int plane = 1; plane <= 7; ++plane)
-    json["planes"].push_back(
-        {{"z_mm", plane - 4},
-         {"use", plane == 1 || plane == 7 ? "fit" : "check"},
-         {"images", {(data / fmt::format("z_{}.tif", plane)).string()}}});
+    json["planes"].push_back({{"z_mm", plane - 4},
+                              {"use", plane == 1 || plane == 7 ? "fit" : "check"},
+                              {"images", {(data / fmt::format("z_{}.tif", plane)).string()}}});
   spill(folder / "piv.json", json.dump());
   return load_calibration_set(folder / "piv.json");
 }
@@ -191,10 +193,11 @@ TEST(RealSteppedTarget, TheStripIsRecognisedAndHighOrdersAreRefused) {
   const CalibrationSet set = load_calibration_set(folder / "stepped.json");
   const Calibration c = calibrate(set);
   for (const OrderRow& o : c.orders)
-    std::printf("order %d: fitted %.3f mm, held out %.3f mm (outside the domain %.3f), left out %.3f "
-                "mm, leverage %.2f %s\n",
-                o.order, o.rms_mm, o.held_out_rms_mm, o.outside_rms_mm, o.loo_rms_mm,
-                o.max_leverage, o.refused.c_str());
+    std::printf(
+        "order %d: fitted %.3f mm, held out %.3f mm (outside the domain %.3f), left out %.3f "
+        "mm, leverage %.2f %s\n",
+        o.order, o.rms_mm, o.held_out_rms_mm, o.outside_rms_mm, o.loo_rms_mm, o.max_leverage,
+        o.refused.c_str());
   int strips = 0;
   for (const PlaneResidual& plane : c.planes) strips += plane.fitted && plane.coverage < 0.5;
   EXPECT_EQ(strips, 1);
@@ -217,12 +220,16 @@ TEST(RealCircleGrid, SixPhotographsCalibrateTheirCamera) {
   Json json{{"format", "turntable-calibration-set/1"},
             {"name", "circle grid"},
             {"pattern",
-             {{"kind", "circle_grid"}, {"columns", 10}, {"rows", 8}, {"origin", {0, 0}},
-              {"spacing_mm", 25}, {"radius_mm", 7.5}, {"circles", "dark"}}},
+             {{"kind", "circle_grid"},
+              {"columns", 10},
+              {"rows", 8},
+              {"origin", {0, 0}},
+              {"spacing_mm", 25},
+              {"radius_mm", 7.5},
+              {"circles", "dark"}}},
             {"views", Json::array()}};
   for (int i = 0; i < 6; ++i)
-    json["views"].push_back(
-        (*real / "circles_boofcv" / fmt::format("image{:05}.jpg", i)).string());
+    json["views"].push_back((*real / "circles_boofcv" / fmt::format("image{:05}.jpg", i)).string());
   spill(folder / "grid.json", json.dump());
   const CalibrationSet set = load_calibration_set(folder / "grid.json");
   ASSERT_EQ(set.views.size(), 6u);

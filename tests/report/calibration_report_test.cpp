@@ -34,8 +34,8 @@ CalibrationSet simulated_set(Random random) {
       for (int column = 0; column < pattern.columns; ++column) {
         const int c = column - pattern.origin_column, r = row - pattern.origin_row;
         const Vector2d at(c * pattern.spacing_mm, r * pattern.spacing_mm);
-        const Vector2d px = view.pixel_of({at.x(), at.y(), 0}) +
-                            0.01 * Vector2d(random.normal(), random.normal());
+        const Vector2d px =
+            view.pixel_of({at.x(), at.y(), 0}) + 0.01 * Vector2d(random.normal(), random.normal());
         if (px.minCoeff() > 10 && px.x() < set.size.width - 10 && px.y() < set.size.height - 10)
           points.push_back({px, at, stage, c, r, 0.01});
       }
@@ -57,8 +57,12 @@ CalibrationSet simulated_set(Random random) {
     set.views.push_back(as_view(points, true, z));
     set.stage.push_back({z, z, z > 0 ? 1 : 2, z > 0 ? 0.0 : 0.0007, Vector2d(0.01, -0.02)});
   }
-  for (const auto& [roll, pitch] :
-       {std::pair{25.0, 0.0}, {-25.0, 10.0}, {0.0, 25.0}, {0.0, -25.0}, {15.0, 20.0}, {-15.0, -20.0}})
+  for (const auto& [roll, pitch] : {std::pair{25.0, 0.0},
+                                    {-25.0, 10.0},
+                                    {0.0, 25.0},
+                                    {0.0, -25.0},
+                                    {15.0, 20.0},
+                                    {-15.0, -20.0}})
     set.views.push_back(as_view(look(80, roll, pitch), false, 0));
   view.stand(0, 0, 0, 0);
   set.example = PatternExample{"base.png", view.look(Payload::kCirclePattern), {}};
@@ -76,14 +80,14 @@ TEST(CalibrationReport, SaysInNumbersAndPicturesHowGoodTheCameraIs) {
   const fs::path report = write_calibration_report(folder.path(), calibration, set);
   const std::string text = slurp(report);
   for (const char* words :
-       {"**Simulated.**", "Left out one at a time", "chi-square", "| used |", "The residuals choose order 5, which was used",
-        "| irt |", "| fisheye |", "0.00070", "(0.0100, -0.0200)", "one thing that was left out",
-        "base.png", "calibrated area"})
+       {"**Simulated.**", "Left out one at a time", "chi-square", "| used |",
+        "The residuals choose order 5, which was used", "| irt |", "| fisheye |", "0.00070",
+        "(0.0100, -0.0200)", "one thing that was left out", "base.png", "calibrated area"})
     EXPECT_THAT(text, HasSubstr(words));
   for (const char* figure :
-       {"figure8_pattern", "figure9_positions", "figure10_residuals_0mm", "figure10_residuals_130mm",
-        "calibration_vectors_180mm", "calibration_coverage", "calibration_orders",
-        "calibration_uncertainty", "calibration_bundle"}) {
+       {"figure8_pattern", "figure9_positions", "figure10_residuals_0mm",
+        "figure10_residuals_130mm", "calibration_vectors_180mm", "calibration_coverage",
+        "calibration_orders", "calibration_uncertainty", "calibration_bundle"}) {
     const std::string csv = slurp(folder / "figures" / (std::string(figure) + ".csv"));
     EXPECT_GT(std::ranges::count(csv, '\n'), 8) << figure;
     const std::string svg = slurp(folder / "figures" / (std::string(figure) + ".svg"));
