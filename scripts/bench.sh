@@ -2,7 +2,7 @@
 # Runs the benchmarks; each fails if its result is not accurate.  usage: scripts/bench.sh [name ...]
 set -euo pipefail
 cd "$(dirname "$0")/.."
-scripts/build.sh release
+scripts/build.sh release benches
 shopt -s nullglob
 for bench in build/release/bin/bench_*; do
   name=${bench##*/bench_}
