@@ -124,7 +124,6 @@ class Search {
   Vector3d centre_ = Vector3d::Zero();
   double search_sigma_mm_ = 0.0;  ///< the caller's, and what the bundle misses its centre by
   double area_mm2_ = 0.0;
-  long hypotheses_ = 0;
   std::vector<Candidate> kept_;  ///< by Q
 };
 
@@ -422,7 +421,6 @@ void Search::try_pose(const Basis& basis, const Triple& spots, const Pose& pose)
 }
 
 void Search::try_triple(const Basis& basis, int i, int j, int k) {
-  ++hypotheses_;
   const Vector3d &y_1 = spots_[static_cast<std::size_t>(i)].direction,
                  &y_2 = spots_[static_cast<std::size_t>(j)].direction,
                  &y_3 = spots_[static_cast<std::size_t>(k)].direction;
