@@ -38,24 +38,8 @@ const Matrix3d kTurnedOver = Vector3d(1, -1, -1).asDiagonal();
 
 /// Legendre products of one pixel, in the order of `IrtModel::terms`.
 VectorXd basis(const Vector2d& pixel, ImageSize size, int order) {
-  std::array<std::array<double, kMaxOrder + 1>, 2> p{};
-  const Vector2d t(2.0 * pixel.x() / (size.width - 1) - 1.0,
-                   2.0 * pixel.y() / (size.height - 1) - 1.0);
-  for (const std::size_t axis : {0u, 1u}) {
-    auto& q = p[axis];
-    const double x = t(static_cast<Index>(axis));
-    q[0] = 1.0;
-    q[1] = x;
-    for (std::size_t k = 1; k < static_cast<std::size_t>(order); ++k) {
-      const double n = static_cast<double>(k);
-      q[k + 1] = ((2 * n + 1) * x * q[k] - n * q[k - 1]) / (n + 1);
-    }
-  }
   VectorXd out((order + 1) * (order + 2) / 2);
-  Index i = 0;
-  for (std::size_t r = 0; r <= static_cast<std::size_t>(order); ++r)
-    for (std::size_t s = 0; r + s <= static_cast<std::size_t>(order); ++s)
-      out(i++) = p[0][r] * p[1][s];
+  IrtModel::basis(pixel, size, order, out.data());
   return out;
 }
 
