@@ -21,6 +21,10 @@ Solution solve_aopit(const TargetModel& target, const Observation& observation,
   Solution solution;
   RayBundle bundle;
   if (!make_bundle(target, observation, bundle)) return solution;
+  if (target.coplanar()) {
+    solution.status = SolveStatus::kCoplanarTarget;
+    return solution;
+  }
   const double a = observation.planes.a_mm, b = observation.planes.b_mm;
   const TargetModel::Columns& G = target.vectors();
   const TargetModel::Columns& H = target.pseudo_inverse();

@@ -13,6 +13,10 @@ Solution solve_aopit_ray(const TargetModel& target, const Observation& observati
   Solution solution;
   RayBundle bundle;
   if (!make_bundle(target, observation, bundle)) return solution;
+  if (target.coplanar()) {
+    solution.status = SolveStatus::kCoplanarTarget;
+    return solution;
+  }
   const TargetModel::Columns& G = target.vectors();
   const TargetModel::Columns& H = target.pseudo_inverse();
   const auto count = static_cast<std::size_t>(bundle.count);

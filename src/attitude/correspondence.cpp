@@ -7,28 +7,22 @@
 #include <cmath>
 #include <optional>
 
+#include "src/attitude/chi_square.h"
 #include "src/attitude/p3p.h"
 #include "src/attitude/ray_bundle.h"
 
 namespace turntable {
 namespace {
 
-constexpr double kPointGate = 5.0;         // sigmas; also the price of a hidden point
-constexpr double kMargin = 4.0;            // sigmas between the best and a rival
-constexpr double kNormalQuantile = 3.719;  // of 0.9999
-constexpr double kOverwhelming = 1e-6;     // chance below which no further triple is tried
+constexpr double kPointGate = 5.0;      // sigmas; also the price of a hidden point
+constexpr double kMargin = 4.0;         // sigmas between the best and a rival
+constexpr double kOverwhelming = 1e-6;  // chance below which no further triple is tried
 constexpr long kMaxHypotheses = 1'000'000;
 constexpr std::size_t kKept = 12;  // candidates kept while searching
 constexpr int kUnseen = -1;
 
 using Assignment = std::array<int, kMaxTargetPoints>;  // spot of point, kUnseen behind the target's
 using Triple = std::array<int, 3>;
-
-/// Quantile 0.9999 of chi^2 (Wilson & Hilferty 1931).
-double chi2_gate(double dof) {
-  const double v = 2.0 / (9.0 * dof);
-  return dof * std::pow(1.0 - v + kNormalQuantile * std::sqrt(v), 3);
-}
 
 struct Pose {
   Matrix3d R;
@@ -318,7 +312,7 @@ void Search::offer(const Assignment& spot, const Pose& pose, double S) {
   if (c.matched < min_points_ || !allowed(pose)) return;
   const double sigma2 = options_.sigma_mm * options_.sigma_mm;
   c.Q = S / sigma2 + kPointGate * kPointGate * (n_ - c.matched);
-  c.acceptable = S / sigma2 <= chi2_gate(dof(c.matched));
+  c.acceptable = S / sigma2 <= chi2_quantile(dof(c.matched), kNormalQuantile9999);
   if (!std::isfinite(c.Q)) return;
   // The same assignment, or a part of it, may come from several hypotheses.
   const auto same = std::ranges::find_if(
@@ -369,7 +363,7 @@ void Search::extend(Assignment spot, Pose pose) {
     std::vector<Vector3d> seen;
     for (int t = 0; t < n_; ++t)
       if (spot[static_cast<std::size_t>(t)] != kUnseen) seen.push_back(point(t));
-    if (!TargetModel::refusal(seen).empty()) return;
+    if (!TargetModel::refusal(seen).empty() || TargetModel(seen).coplanar()) return;
   }
   offer(spot, pose, S);
 }
@@ -397,7 +391,8 @@ void Search::try_pose(const Basis& basis, const Triple& spots, const Pose& pose)
     gate_of[static_cast<std::size_t>(basis.others[o])] = found ? basis.gate_mm[o] : 0.0;
   }
   // One fourth point that is seen would do; among may_hide + 1 of them one is.
-  const double gate = 1.5 * chi2_gate(2.0) * search_sigma_mm_ * search_sigma_mm_;
+  const double gate =
+      1.5 * chi2_quantile(2.0, kNormalQuantile9999) * search_sigma_mm_ * search_sigma_mm_;
   int tried = 0;
   for (const int fourth : basis.fourths) {
     const double fourth_gate = gate_of[static_cast<std::size_t>(fourth)];

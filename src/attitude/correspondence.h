@@ -31,7 +31,7 @@
 // hypotheses are spent: complete up to 8 points; beyond, a fit is missed if every triple tried has
 // a hidden point.
 //
-// Domain: targets that TargetModel takes (not coplanar) whose +z side shines at the camera, and
+// Domain: targets that are not coplanar and whose +z side shines at the camera, and
 // bundles that nearly meet in one point at z above the target, or are parallel; what they miss it
 // by at the target widens the search, and the fit uses the rays as they are. Outside: rays that
 // diverge towards +z, and matched points that are coplanar, are kNoFit. Rays that are not finite

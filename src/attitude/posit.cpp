@@ -32,6 +32,10 @@ Solution solve_posit(const TargetModel& target, const Observation& observation,
   if (x.size() != static_cast<std::size_t>(target.size())) return solution;
   for (const Vector2d& point : x)
     if (!point.allFinite()) return solution;
+  if (target.coplanar()) {
+    solution.status = SolveStatus::kCoplanarTarget;
+    return solution;
+  }
 
   const TargetModel::Columns& G = target.vectors();
   const TargetModel::Columns& H = target.pseudo_inverse();

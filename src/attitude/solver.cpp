@@ -2,10 +2,13 @@
 
 #include <algorithm>
 #include <array>
+#include <cassert>
 
 #include "src/attitude/aopit.h"
 #include "src/attitude/aopit_ray.h"
+#include "src/attitude/ml_ray.h"
 #include "src/attitude/posit.h"
+#include "src/core/parallel.h"
 
 namespace turntable {
 namespace {
@@ -18,16 +21,23 @@ constexpr std::string_view kGuo =
 constexpr SolveOptions kRelative{1e-9, 200};
 constexpr SolveOptions kLength{1e-8, 200};
 
+constexpr SolveOptions kLastStep{1e-5, 200};  // mm, of a step that is still taken
+
+// Traits at the end of a row.
+constexpr bool kCoplanar = true, kByDefault = true, kPeer = true;
+
 // clang-format off
 constexpr std::array kTable{
     Solver{"posit", "POSIT, distortion-free pinhole", Sight::kPinholeRaw,
-           solve_posit, kRelative, "1", kDeMenthon},
+           solve_posit, kRelative, "1", kDeMenthon, !kCoplanar, kByDefault},
     Solver{"posit_undistorted", "POSIT, undistorted points", Sight::kPinholeUndistorted,
-           solve_posit, kRelative, "1", kDeMenthon},
+           solve_posit, kRelative, "1", kDeMenthon, !kCoplanar, kByDefault},
     Solver{"aopit", "AOPIT as published", Sight::kRays,
-           solve_aopit, kLength, "mm", kGuo},
+           solve_aopit, kLength, "mm", kGuo, !kCoplanar, kByDefault},
     Solver{"aopit_ray", "AOPIT on general rays", Sight::kRays,
-           solve_aopit_ray, kLength, "mm", "extension of Guo et al. 2019 to any ray bundle"},
+           solve_aopit_ray, kLength, "mm", "extension of Guo et al. 2019 to any ray bundle", !kCoplanar, kByDefault},
+    Solver{"ml_ray", "maximum likelihood on rays", Sight::kRays,
+           solve_ml_ray, kLastStep, "mm", "Gauss-Newton from aopit_ray", kCoplanar, kByDefault},
 };
 // clang-format on
 
@@ -55,10 +65,16 @@ std::string_view status_name(SolveStatus status) {
       return "converged";
     case SolveStatus::kHeightUndefined:
       return "height_undefined";
+    case SolveStatus::kOutsideDomain:
+      return "outside_domain";
+    case SolveStatus::kAmbiguous:
+      return "ambiguous";
     case SolveStatus::kNotConverged:
       return "not_converged";
     case SolveStatus::kDegenerate:
       return "degenerate";
+    case SolveStatus::kCoplanarTarget:
+      return "coplanar_target";
     case SolveStatus::kInvalidInput:
       return "invalid_input";
   }
@@ -68,6 +84,20 @@ std::string_view status_name(SolveStatus status) {
 const Solver* find_solver(std::string_view name) {
   const auto row = std::ranges::find(kSolvers, name, &Solver::name);
   return row == kSolvers.end() ? nullptr : &*row;
+}
+
+const Solver& default_solver() { return *find_solver("ml_ray"); }
+
+void solve_all(const Solver& solver, const TargetModel& target,
+               std::span<const Observation> observations, std::span<Solution> solutions) {
+  assert(observations.size() == solutions.size());
+  // A solve takes about a microsecond, taking the next piece of work a tenth of one.
+  constexpr std::size_t kChunk = 256;
+  parallel_for((observations.size() + kChunk - 1) / kChunk, [&](std::size_t chunk) {
+    const std::size_t end = std::min(observations.size(), (chunk + 1) * kChunk);
+    for (std::size_t i = chunk * kChunk; i < end; ++i)
+      solutions[i] = solver(target, observations[i]);
+  });
 }
 
 }  // namespace turntable

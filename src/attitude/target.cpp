@@ -18,31 +18,30 @@ Vectors vectors_from_first(std::span<const Vector3d> points_mm) {
   return G;
 }
 
-double thickness_of(const Eigen::JacobiSVD<Vectors>& svd) {
+/// Singular value `which` over the largest.
+double share_of(const Eigen::JacobiSVD<Vectors>& svd, Eigen::Index which) {
   const auto& sigma = svd.singularValues();
-  return sigma(0) > 0.0 ? sigma(2) / sigma(0) : 0.0;
+  return sigma(0) > 0.0 ? sigma(which) / sigma(0) : 0.0;
 }
 
 }  // namespace
 
 std::string TargetModel::refusal(std::span<const Vector3d> points_mm) {
   if (points_mm.size() < 4)
-    return fmt::format("a target needs at least four points that are not coplanar; {} given",
-                       points_mm.size());
+    return fmt::format("a target needs at least four points; {} given", points_mm.size());
   if (points_mm.size() > static_cast<std::size_t>(kMaxTargetPoints))
     return fmt::format("a target may have up to {} points; {} given", kMaxTargetPoints,
                        points_mm.size());
   for (std::size_t t = 0; t < points_mm.size(); ++t)
     if (!points_mm[t].allFinite())
       return fmt::format("target point {} (counted from 0) is not a finite position", t);
-  const double thickness = thickness_of(Eigen::JacobiSVD<Vectors>(vectors_from_first(points_mm)));
-  if (!(thickness >= kMinThickness))
+  const double width = share_of(Eigen::JacobiSVD<Vectors>(vectors_from_first(points_mm)), 1);
+  if (!(width >= kMinThickness))
     return fmt::format(
-        "the target points are coplanar or nearly so: the smallest singular value of the vectors "
-        "from "
-        "the first point is {:.2g} of the largest, at least {} is needed; move a point out of the "
-        "plane",
-        thickness, kMinThickness);
+        "the target points are on one line or nearly so: the middle singular value of the vectors "
+        "from the first point is {:.2g} of the largest, at least {} is needed; move a point away "
+        "from the line",
+        width, kMinThickness);
   return {};
 }
 
@@ -55,10 +54,12 @@ TargetModel::TargetModel(std::span<const Vector3d> points_mm) {
   for (Eigen::Index t = 0; t < points_.cols(); ++t)
     points_.col(t) = points_mm[static_cast<std::size_t>(t)];
   vectors_ = G.transpose();
-  pseudo_inverse_ =
-      svd.matrixV() * svd.singularValues().cwiseInverse().asDiagonal() * svd.matrixU().transpose();
   radius_mm_ = std::sqrt(vectors_.colwise().squaredNorm().maxCoeff());
-  thickness_ = thickness_of(svd);
+  thickness_ = share_of(svd, 2);
+  normal_ = svd.matrixV().col(2);
+  Vector3d inverse = svd.singularValues().cwiseInverse();
+  if (coplanar()) inverse.z() = 0.0;
+  pseudo_inverse_ = svd.matrixV() * inverse.asDiagonal() * svd.matrixU().transpose();
 }
 
 }  // namespace turntable

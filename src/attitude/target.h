@@ -2,7 +2,8 @@
 //   G (n-1 x 3) has the rows M0Mt, H = pinv(G) (3 x n-1), so that a = H (G a) for every a.
 // Source: DeMenthon & Davis 1995, "object matrix"; X. Guo et al. 2019, eq. 18.
 //   M0 -> points()[0], G^T -> vectors(), H -> pseudo_inverse(); mm, and 1/mm for H.
-// Domain: 4 to 32 points that span space. A target that does not is refused when it is built.
+// Domain: 4 to 32 points that span space, or a plane: then H is the pseudo-inverse of rank 2 and
+// H^T n = 0 for the plane's normal n. Points on a line are refused when the target is built.
 #pragma once
 
 #include <Eigen/Core>
@@ -16,7 +17,7 @@ namespace turntable {
 /// Points a target may have. Everything sized by it lives on the stack: a solve allocates nothing.
 constexpr int kMaxTargetPoints = 32;
 /// A target whose smallest singular value is less than this share of its largest counts as
-/// coplanar: H would amplify noise along the normal a hundred times.
+/// coplanar: H would amplify noise along the normal a hundred times. If the middle one is, as a line.
 constexpr double kMinThickness = 0.01;
 
 class TargetModel {
@@ -43,13 +44,18 @@ class TargetModel {
   const Columns& pseudo_inverse() const { return pseudo_inverse_; }
   /// Longest |M0Mt|, mm: the length that tolerances are judged by.
   double radius_mm() const { return radius_mm_; }
-  /// Smallest over largest singular value of G, in (0, 1].
+  /// Smallest over largest singular value of G, in [0, 1].
   double thickness() const { return thickness_; }
+  /// The points lie in a plane, or nearly so (kMinThickness): two attitudes may look alike.
+  bool coplanar() const { return thickness_ < kMinThickness; }
+  /// Unit normal of the plane that fits the vectors M0Mt best, either sign.
+  const Vector3d& normal() const { return normal_; }
 
  private:
   Columns points_, vectors_, pseudo_inverse_;
   double radius_mm_ = 0.0;
   double thickness_ = 0.0;
+  Vector3d normal_;
 };
 
 }  // namespace turntable

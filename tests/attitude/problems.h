@@ -36,8 +36,9 @@ struct Problem {
 
   std::vector<Ray> rays;             ///< noise-free unless noise was added
   std::vector<Vector2d> normalised;  ///< the central camera's, x right, y down, z forward
+  std::vector<RaySpread> spreads;    ///< of the noise that was added; none without noise
 
-  Observation observation() const { return {rays, kPlanes, normalised}; }
+  Observation observation() const { return {rays, kPlanes, normalised, spreads}; }
   /// Truth in the frame of a solver's answer.
   Matrix3d truth(Sight sight) const;
   Vector3d true_position(Sight sight) const;
@@ -56,6 +57,14 @@ inline Vector3d Problem::true_position(Sight sight) const {
                                : Vector3d(R_camera_from_plane() * (origin_mm - lens.centre_mm));
 }
 
+/// The ray of slope `g` through the entrance pupil as that direction sees it.
+inline Ray ray_along(const Vector2d& g, const Lens& lens) {
+  const double theta = std::atan(g.norm());
+  const double pupil_z = lens.centre_mm.z() + lens.pupil_walk_mm_per_rad2 * theta * theta;
+  return {lens.centre_mm.head<2>() + g * (kPlanes.a_mm - pupil_z),
+          lens.centre_mm.head<2>() + g * (kPlanes.b_mm - pupil_z)};
+}
+
 /// The ray through `point_mm` and the entrance pupil as that point sees it.
 inline Ray ray_through(const Vector3d& point_mm, const Lens& lens) {
   if (lens.telecentric) return {point_mm.head<2>(), point_mm.head<2>()};
@@ -65,14 +74,12 @@ inline Ray ray_through(const Vector3d& point_mm, const Lens& lens) {
     const double theta = std::atan2(lateral.norm(), pupil_z - point_mm.z());
     pupil_z = lens.centre_mm.z() + lens.pupil_walk_mm_per_rad2 * theta * theta;
   }
-  const Vector2d slope = -lateral / (pupil_z - point_mm.z());
-  return {point_mm.head<2>() + slope * (kPlanes.a_mm - point_mm.z()),
-          point_mm.head<2>() + slope * (kPlanes.b_mm - point_mm.z())};
+  return ray_along(-lateral / (pupil_z - point_mm.z()), lens);
 }
 
 inline Problem make(std::vector<Vector3d> target_mm, const Matrix3d& R, const Vector3d& origin_mm,
                     const Lens& lens = {}) {
-  Problem p{std::move(target_mm), R, origin_mm, lens, {}, {}};
+  Problem p{std::move(target_mm), R, origin_mm, lens, {}, {}, {}};
   for (const Vector3d& point : p.target_mm) {
     const Vector3d in_plane = R * (point - p.target_mm[0]) + origin_mm;
     p.rays.push_back(ray_through(in_plane, lens));
@@ -97,15 +104,32 @@ inline Problem random_problem(Random& random, std::vector<Vector3d> target_mm = 
   return make(std::move(target_mm), R, origin, lens);
 }
 
-/// The same image noise for every sight: `sigma_px` on each image coordinate of a central camera.
-inline void add_noise(Problem& problem, double sigma_px, Random& random) {
+/// The same image noise for every sight: `sigma_px` on each image coordinate, taken along by the lens.
+inline void add_noise(Problem& problem, double sigma_px, Random& random,
+                      double focal_px = kFocalPx) {
   for (std::size_t t = 0; t < problem.rays.size(); ++t) {
-    const Vector2d shift = sigma_px / kFocalPx * Vector2d(random.normal(), random.normal());
-    problem.normalised[t] += shift;
-    // Camera y is plane -y; the separation of rays from one centre grows with the distance from it.
-    const Vector2d slope(shift.x(), -shift.y());
-    problem.rays[t].at_a += slope * (problem.lens.centre_mm.z() - kPlanes.a_mm);
-    problem.rays[t].at_b += slope * (problem.lens.centre_mm.z() - kPlanes.b_mm);
+    const Vector2d g = problem.rays[t].slope(kPlanes);
+    // What a step of each image coordinate does. Camera x is plane x, which a slope counts towards
+    // the camera; camera y is plane -y.
+    const Ray seen = problem.rays[t];
+    const auto moved = [&](const Vector2d& pixels) -> Ray {
+      const Vector2d slope = Vector2d(-pixels.x(), pixels.y()) / focal_px;
+      if (!problem.lens.telecentric) return ray_along(g + slope, problem.lens);
+      const Vector2d shift = -slope * (problem.lens.centre_mm.z() - kPlanes.a_mm);
+      return {seen.at_a + shift, seen.at_b + shift};
+    };
+    RaySpread spread;
+    constexpr double kStep = 0.01;  // px
+    for (const Eigen::Index axis : {0, 1}) {
+      const Vector2d step = kStep * Vector2d::Unit(axis);
+      const Ray up = moved(step), down = moved(-step);
+      spread.at_a.col(axis) = sigma_px / (2.0 * kStep) * (up.at_a - down.at_a);
+      spread.at_b.col(axis) = sigma_px / (2.0 * kStep) * (up.at_b - down.at_b);
+    }
+    problem.spreads.push_back(spread);
+    const Vector2d noise = sigma_px * Vector2d(random.normal(), random.normal());
+    problem.normalised[t] += noise / focal_px;
+    problem.rays[t] = moved(noise);
   }
 }
 

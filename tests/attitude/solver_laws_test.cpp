@@ -153,6 +153,7 @@ TEST_P(SolverLaw, the_order_of_points_other_than_the_first_does_not_matter) {
     rotate_tail(problem.target_mm);
     rotate_tail(problem.rays);
     rotate_tail(problem.normalised);
+    rotate_tail(problem.spreads);
     const Solution after = solve(problem);
     ASSERT_TRUE(before.has_attitude() && after.has_attitude());
     EXPECT_LT(geodesic_angle(before.R, after.R), 1e-8);

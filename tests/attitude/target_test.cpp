@@ -24,22 +24,26 @@ TEST(Target, refuses_fewer_than_four_points_and_says_how_many_there_are) {
   EXPECT_THROW(TargetModel{points}, std::invalid_argument);
 }
 
-TEST(Target, refuses_coplanar_points_in_any_position) {
+TEST(Target, knows_coplanar_points_in_any_position_and_their_normal) {
   Random random = draws_of_this_test();
   std::vector<Vector3d> square{{0, 0, 0}, {50, 0, 0}, {50, 50, 0}, {0, 50, 0}, {25, 10, 0}};
   const Matrix3d R = problems::random_rotation(random, 180);
   for (Vector3d& p : square) p = R * p + Vector3d(3, -70, 11);
-  EXPECT_THAT(TargetModel::refusal(square), HasSubstr("coplanar"));
-  EXPECT_THROW(TargetModel{square}, std::invalid_argument);
+  const TargetModel plane(square);
+  EXPECT_TRUE(plane.coplanar());
+  EXPECT_NEAR(std::abs(plane.normal().dot(R.col(2))), 1.0, 1e-12);
+  // Of rank 2: it recovers what lies in the plane and knows nothing of the normal.
+  const Matrix3d HG = plane.pseudo_inverse() * plane.vectors().transpose();
+  EXPECT_LT((HG - (Matrix3d::Identity() - R.col(2) * R.col(2).transpose())).norm(), 1e-12);
   square[2] += R * Vector3d(0, 0, 30);
-  EXPECT_EQ(TargetModel::refusal(square), "");
+  EXPECT_FALSE(TargetModel(square).coplanar());
 }
 
 TEST(Target, refuses_points_that_coincide_or_lie_on_a_line) {
   const std::vector<Vector3d> same(4, Vector3d(1, 2, 3));
-  EXPECT_THAT(TargetModel::refusal(same), HasSubstr("coplanar"));
+  EXPECT_THAT(TargetModel::refusal(same), HasSubstr("one line"));
   const std::vector<Vector3d> line{{0, 0, 0}, {1, 1, 1}, {2, 2, 2}, {3, 3, 3}};
-  EXPECT_THAT(TargetModel::refusal(line), HasSubstr("coplanar"));
+  EXPECT_THAT(TargetModel::refusal(line), HasSubstr("one line"));
 }
 
 TEST(Target, refuses_nan_and_too_many_points) {

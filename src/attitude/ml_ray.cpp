@@ -1,0 +1,279 @@
+#include "src/attitude/ml_ray.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "src/attitude/chi_square.h"
+#include "src/attitude/ray_start.h"
+
+namespace turntable {
+namespace {
+
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+
+/// Of the start: its error is then far below what the first step corrects.
+constexpr double kStartTolerance = 1e-3;
+constexpr double kMinPivot = 1e-14;
+/// Squared: four standard deviations between the best pose and a rival.
+constexpr double kMargin = 16.0;
+/// Two refinements that end this near each other are one pose, rad.
+constexpr double kSamePose = 1e-5;
+
+/// A sighting as the refinement reads it.
+struct Sighted {
+  Vector3d p;  ///< M0Mt, mm
+  Vector2d at_a, g;
+  Eigen::Matrix2d S_a, S_slope;  ///< S(z) = S_a + S_slope (z - a)
+};
+
+/// What a pose comes to: chi^2, its gradient and N, in (delta radius, T), all mm.
+struct Normal {
+  double chi2 = 0.0;
+  Matrix6d N;
+  Vector6d gradient;
+};
+
+class Refinement {
+ public:
+  Refinement(const TargetModel& target, const Observation& observation, bool height_undefined)
+      : n_(target.size()),
+        a_(observation.planes.a_mm),
+        radius_(target.radius_mm()),
+        height_undefined_(height_undefined) {
+    const RayPlanes& planes = observation.planes;
+    const double span = planes.b_mm - planes.a_mm;
+    for (int t = 0; t < n_; ++t) {
+      const auto i = static_cast<std::size_t>(t);
+      const Ray& ray = observation.rays[i];
+      Sighted& s = sighted_[i];
+      s.p = t == 0 ? Vector3d(Vector3d::Zero()) : Vector3d(target.vectors().col(t - 1));
+      s.at_a = ray.at_a;
+      s.g = (ray.at_b - ray.at_a) / span;
+      if (!observation.spreads.empty()) {
+        s.S_a = observation.spreads[i].at_a;
+        s.S_slope = (observation.spreads[i].at_b - observation.spreads[i].at_a) / span;
+      } else {
+        // A perpendicular miss of 1 mm, seen in the plane: 1 + g g^T, and this is its root.
+        const double gg = s.g.squaredNorm();
+        s.S_a.setIdentity();
+        if (gg > 0.0) s.S_a += (std::sqrt(1.0 + gg) - 1.0) / gg * s.g * s.g.transpose();
+        s.S_slope.setZero();
+      }
+    }
+  }
+
+  void leave_out(int t, bool out) { out ? left_out_ |= 1u << t : left_out_ &= ~(1u << t); }
+  std::uint32_t left_out() const { return left_out_; }
+  bool uses(int t) const { return (left_out_ >> t & 1u) == 0; }
+  int unknowns() const { return height_undefined_ ? 5 : 6; }
+
+  Normal normal(const RayPose& pose) const {
+    Normal out;
+    Matrix3d dd = Matrix3d::Zero(), td = dd, tt = dd;
+    Vector3d gd = Vector3d::Zero(), gt = gd;
+    for (int t = 0; t < n_; ++t) {
+      if (!uses(t)) continue;
+      const Sighted& s = sighted_[static_cast<std::size_t>(t)];
+      const Vector3d q = pose.R * s.p;
+      const double depth = q.z() + pose.T.z() - a_;
+      const Vector2d miss = q.head<2>() + pose.T.head<2>() - s.at_a - s.g * depth;
+      const Eigen::Matrix2d S = s.S_a + depth * s.S_slope;
+      Eigen::Matrix2d W;
+      W << S(1, 1), -S(0, 1), -S(1, 0), S(0, 0);
+      W /= S(0, 0) * S(1, 1) - S(0, 1) * S(1, 0);
+      const Vector2d r = W * miss;
+      const Vector2d dz = -W * (s.g + s.S_slope * r);
+      const Vector3d lever = q / radius_;
+      for (int row = 0; row < 2; ++row) {
+        const Vector3d x(W(row, 0), W(row, 1), dz(row));  // d r / d X
+        const Vector3d d = lever.cross(x);
+        dd.noalias() += d * d.transpose();
+        td.noalias() += x * d.transpose();
+        tt.noalias() += x * x.transpose();
+        gd += r(row) * d;
+        gt += r(row) * x;
+      }
+      out.chi2 += r.squaredNorm();
+    }
+    out.N << dd, td.transpose(), td, tt;
+    out.gradient << gd, gt;
+    // Parallel rays know nothing of T_z, nearly parallel ones let it serve as a scale.
+    if (height_undefined_) out.N(5, 5) += 1e1 * kMinPivot * out.N(4, 4);
+    return out;
+  }
+
+  /// Refines `pose`; `passes` counts on. @return converged, not converged or degenerate.
+  SolveStatus refine(RayPose& pose, Normal& at, const SolveOptions& options, int& passes) const {
+    at = normal(pose);
+    double damping = 0.0;
+    while (passes < options.max_iterations) {
+      ++passes;
+      Matrix6d damped = at.N;
+      if (damping > 0.0) damped.diagonal() *= 1.0 + damping;
+      const Eigen::LLT<Matrix6d> factor(damped);
+      if (!determined(factor)) return SolveStatus::kDegenerate;
+      const Vector6d step = -factor.solve(at.gradient);
+      RayPose trial{rotation_from_vector(step.head<3>() / radius_) * pose.R,
+                    pose.T + step.tail<3>()};
+      const Normal then = normal(trial);
+      if (!std::isfinite(then.chi2)) return SolveStatus::kDegenerate;
+      const bool last = step.head<3>().norm() < options.tolerance;
+      if (then.chi2 <= at.chi2 || last) {
+        // Rounding may make the last step's chi^2 larger.
+        pose = trial;
+        at = then;
+        if (last) return SolveStatus::kConverged;
+        damping = damping > 1e-6 ? 0.1 * damping : 0.0;
+      } else {
+        damping = std::max(10.0 * damping, 1e-3);
+      }
+    }
+    return SolveStatus::kNotConverged;
+  }
+
+  bool determined(const Eigen::LLT<Matrix6d>& factor) const {
+    const auto pivots = factor.matrixLLT().diagonal();
+    return factor.info() == Eigen::Success &&
+           pivots.minCoeff() > std::sqrt(kMinPivot) * pivots.maxCoeff();
+  }
+
+  /// Of (delta, T); NaN if undetermined.
+  Matrix6d covariance(const Normal& at) const {
+    const Eigen::LLT<Matrix6d> factor(at.N);
+    if (!determined(factor)) return Matrix6d::Constant(Solution::kNaN);
+    Matrix6d covariance = factor.solve(Matrix6d::Identity());
+    covariance.topRows<3>() /= radius_;
+    covariance.leftCols<3>() /= radius_;
+    if (height_undefined_) {
+      covariance.row(5).setConstant(Solution::kNaN);
+      covariance.col(5).setConstant(Solution::kNaN);
+    }
+    return covariance;
+  }
+
+ private:
+  int n_;
+  double a_, radius_;
+  bool height_undefined_;
+  std::uint32_t left_out_ = 0;
+  std::array<Sighted, kMaxTargetPoints> sighted_;
+};
+
+/// Leaves out the points that contradict the others, as the header says.
+void drop_outliers(Refinement& refinement, const TargetModel& target, const SolveOptions& options,
+                   RayPose& pose, Normal& at, int& passes) {
+  int kept = target.size();
+  while (kept > 4 &&
+         at.chi2 > chi2_quantile(2.0 * kept - refinement.unknowns(), kNormalQuantile999)) {
+    int worst = -1;
+    RayPose best_pose = pose;
+    Normal best;
+    for (int t = 0; t < target.size(); ++t) {
+      if (!refinement.uses(t)) continue;
+      refinement.leave_out(t, true);
+      RayPose trial = pose;
+      Normal without;
+      int spent = 0;
+      if (refinement.refine(trial, without, options, spent) == SolveStatus::kConverged &&
+          (worst < 0 || without.chi2 < best.chi2)) {
+        worst = t;
+        best_pose = trial;
+        best = without;
+      }
+      passes += spent;
+      refinement.leave_out(t, false);
+    }
+    if (worst < 0) return;
+    refinement.leave_out(worst, true);
+    pose = best_pose;
+    at = best;
+    --kept;
+  }
+}
+
+double residual_mm(const TargetModel& target, const Observation& observation, const RayPose& pose,
+                   const Refinement& refinement) {
+  double sum = 0.0;
+  int count = 0;
+  for (int t = 0; t < target.size(); ++t) {
+    if (!refinement.uses(t)) continue;
+    const Vector3d X = pose.R * (target.points().col(t) - target.points().col(0)) + pose.T;
+    const double miss =
+        distance_mm(X, observation.rays[static_cast<std::size_t>(t)], observation.planes);
+    sum += miss * miss;
+    ++count;
+  }
+  return std::sqrt(sum / count);
+}
+
+bool ambiguous(double best, double rival, double dof, bool stated) {
+  return stated ? rival - best < kMargin * std::max(1.0, best / dof) : rival < kMargin * best;
+}
+
+}  // namespace
+
+Solution solve_ml_ray(const TargetModel& target, const Observation& observation,
+                      const SolveOptions& options) {
+  Solution solution;
+  const bool stated = !observation.spreads.empty();
+  if (stated && observation.spreads.size() != observation.rays.size()) return solution;
+  for (const RaySpread& spread : observation.spreads)
+    if (!spread.at_a.allFinite() || !spread.at_b.allFinite()) return solution;
+  const RayStart start = start_on_rays(
+      target, observation, std::max(options.tolerance, kStartTolerance), options.max_iterations);
+  solution.status = start.status;
+  solution.iterations = start.iterations;
+  if (start.count == 0) return solution;
+
+  Refinement refinement(target, observation, start.height_undefined());
+  RayPose pose;
+  Normal at;
+  std::array<RayPose, 2> ends;
+  std::array<Normal, 2> normals;
+  std::array<SolveStatus, 2> statuses{};
+  for (int c = 0; c < start.count; ++c) {
+    const auto k = static_cast<std::size_t>(c);
+    ends[k] = start.poses[k];
+    statuses[k] = refinement.refine(ends[k], normals[k], options, solution.iterations);
+  }
+  std::size_t best = 0;
+  if (start.count == 2 &&
+      (statuses[0] != SolveStatus::kConverged ||
+       (statuses[1] == SolveStatus::kConverged && normals[1].chi2 < normals[0].chi2)))
+    best = 1;
+  solution.status = statuses[best];
+  pose = ends[best];
+  at = normals[best];
+  if (start.count == 2 && statuses[1 - best] == SolveStatus::kConverged &&
+      geodesic_angle(pose.R, ends[1 - best].R) > kSamePose) {
+    const RayPose& other = ends[1 - best];
+    solution.rival = Rival{other.R, other.T, residual_mm(target, observation, other, refinement)};
+    if (solution.status == SolveStatus::kConverged &&
+        ambiguous(at.chi2, normals[1 - best].chi2, 2.0 * target.size() - refinement.unknowns(),
+                  stated))
+      solution.status = SolveStatus::kAmbiguous;
+  }
+  if (options.robust && stated && solution.status == SolveStatus::kConverged) {
+    drop_outliers(refinement, target, options, pose, at, solution.iterations);
+    solution.left_out = refinement.left_out();
+  }
+
+  solution.R = solution.rows_ijk = pose.R;
+  solution.position_mm = pose.T;
+  solution.residual = residual_mm(target, observation, pose, refinement);
+  if (!solution.R.allFinite() || !solution.position_mm.allFinite() ||
+      !std::isfinite(solution.residual))
+    solution.status = SolveStatus::kDegenerate;
+  if (stated) {
+    solution.covariance = refinement.covariance(at);
+    solution.chi2 = at.chi2;
+  }
+  if (start.height_undefined() && solution.status == SolveStatus::kConverged)
+    solution.status = SolveStatus::kHeightUndefined;
+  if (start.height_undefined()) solution.position_mm.z() = Solution::kNaN;
+  return solution;
+}
+
+}  // namespace turntable

@@ -1,0 +1,78 @@
+#include "src/attitude/ray_start.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "src/attitude/aopit_ray.h"
+#include "src/attitude/ray_bundle.h"
+
+namespace turntable {
+namespace {
+
+RayStart planar_start(const TargetModel& target, const Observation& observation) {
+  RayStart start;
+  RayBundle bundle;
+  if (!make_bundle(target, observation, bundle)) return start;
+  const TargetModel::Columns& H = target.pseudo_inverse();
+  Vector3d I = Vector3d::Zero(), J = Vector3d::Zero(), I1 = I, J1 = J;
+  for (int t = 0; t < bundle.count; ++t) {
+    const auto h = H.col(t);
+    const Vector2d d = bundle.d_a[static_cast<std::size_t>(t)];
+    const Vector2d opening = bundle.g[static_cast<std::size_t>(t)] - bundle.g_0;
+    I += h * d.x();
+    J += h * d.y();
+    I1 += h * opening.x();
+    J1 += h * opening.y();
+  }
+  const double II = I.squaredNorm(), JJ = J.squaredNorm(), IJ = I.dot(J);
+  const double s2 = 0.5 * (II + JJ + std::hypot(II - JJ, 2.0 * IJ));  // larger eigenvalue
+  start.status = SolveStatus::kDegenerate;
+  if (!(s2 > kMinRow * kMinRow) || !std::isfinite(s2)) return start;
+  const double s = std::sqrt(s2);
+  const double slopes = I1.squaredNorm() + J1.squaredNorm();
+  const bool parallel = nearly_parallel(std::sqrt(0.5 * slopes), target);
+  // (I, J) + w (I1, J1) shrinks to nothing at the camera, w = distance, and to 1 / s at M0.
+  const double distance = parallel ? 0.0 : -(I.dot(I1) + J.dot(J1)) / slopes;
+  const double w = parallel ? 0.0 : distance * (1.0 - 1.0 / s);
+
+  const Vector3d& n = target.normal();
+  const double alpha = std::sqrt(std::max(0.0, 1.0 - II / s2));
+  const double beta = std::copysign(std::sqrt(std::max(0.0, 1.0 - JJ / s2)), -IJ);
+  for (const double sign : {1.0, -1.0}) {
+    const Vector3d i = (I / s + sign * alpha * n).normalized();
+    const Vector3d j = (J / s + sign * beta * n).normalized();
+    if (!(i.cross(j).norm() > kMinSine)) continue;
+    RayPose& pose = start.poses[static_cast<std::size_t>(start.count++)];
+    pose.R = nearest_rotation_from_rows(i, j);
+    pose.T << observation.rays[0].at(observation.planes.a_mm + w, observation.planes),
+        observation.planes.a_mm + w;
+    if (alpha == 0.0 && beta == 0.0) break;
+  }
+  start.iterations = 1;
+  if (start.count > 0)
+    start.status = parallel ? SolveStatus::kHeightUndefined : SolveStatus::kConverged;
+  return start;
+}
+
+}  // namespace
+
+RayStart start_on_rays(const TargetModel& target, const Observation& observation,
+                       double tolerance_mm, int max_iterations) {
+  if (target.coplanar()) {
+    RayStart start = planar_start(target, observation);
+    if (start.status != SolveStatus::kInvalidInput && max_iterations < 1)
+      start = {SolveStatus::kNotConverged, 0, {}, 0};
+    return start;
+  }
+  const Solution s = solve_aopit_ray(target, observation, {tolerance_mm, max_iterations});
+  RayStart start;
+  start.status = s.status;
+  start.iterations = s.iterations;
+  if (!s.has_attitude()) return start;
+  start.count = 1;
+  start.poses[0] = {s.R, s.position_mm};
+  if (start.height_undefined()) start.poses[0].T.z() = observation.planes.a_mm;
+  return start;
+}
+
+}  // namespace turntable

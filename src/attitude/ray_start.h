@@ -1,0 +1,43 @@
+// Where refinements on rays start from.
+//   points in space    the pose of aopit_ray, one
+//   points in a plane  scaled orthography along the rays, two: with H of rank 2 the rows are known but
+//                      for their parts along the plane's normal n,
+//                        i = I + alpha n,  j = J + beta n,  alpha^2 = 1 - |I|^2,  beta^2 = 1 - |J|^2,
+//                        alpha beta = -I.J
+//                      with I = H d / s, J likewise. Both signs of (alpha, beta) serve; the scale s
+//                      that admits them is the larger singular value of [H d_x, H d_y].
+// Source: aopit_ray.h; D. Oberkampf, D. DeMenthon, L. Davis, Iterative pose estimation using coplanar
+// feature points, CVIU 63 (1996) 495-511, section 3, here on rays. Symbols:
+//   d   -> bundle.d_a, 2-vectors from M0's ray on plane a, mm
+//   s   -> separation on plane a over that at M0's height, 1; from it and the opening of the bundle,
+//          its height
+// Domain: as aopit_ray; planes not seen edge-on. A start need not be near: the refinement decides.
+#pragma once
+
+#include <array>
+
+#include "src/attitude/solver.h"
+
+namespace turntable {
+
+/// x = R (p - M0) + T in the plane frame.
+struct RayPose {
+  Matrix3d R;
+  Vector3d T;
+};
+
+struct RayStart {
+  SolveStatus status = SolveStatus::kInvalidInput;  ///< has poses if converged or height undefined
+  int count = 0;
+  std::array<RayPose, 2> poses;
+  int iterations = 0;
+
+  /// The rays are too parallel to tell the height; T.z is one that fits and not a measurement.
+  bool height_undefined() const { return status == SolveStatus::kHeightUndefined; }
+};
+
+/// @param tolerance_mm of the iteration of aopit_ray.
+RayStart start_on_rays(const TargetModel& target, const Observation& observation,
+                       double tolerance_mm, int max_iterations);
+
+}  // namespace turntable
