@@ -34,6 +34,15 @@ namespace {
 namespace fs = std::filesystem;
 using SteadyClock = std::chrono::steady_clock;
 
+const Gimbal& default_gimbal() {
+  static const Gimbal gimbal([] {
+    GimbalConfig config;  // by order of yaw, roll, pitch
+    config.axes = {Vector3d::UnitZ(), Vector3d::UnitY(), Vector3d::UnitX()};
+    return config;
+  }());
+  return gimbal;
+}
+
 /// Camera, target and solver as the command line names them, checked as a whole.
 class Instrument {
  public:
@@ -43,6 +52,9 @@ class Instrument {
         file_(load_target(a.target)),
         target_(target_of(file_)),
         sensor_(calibration_, target_, solver_, a.camera, a.robust) {
+    search_.target_uncertainty_mm = file_.uncertainty_mm;
+    search_.R_near = near_of(a);
+    search_.max_turn_rad = rad_from_deg(a.within_deg);
     if (a.robust && &solver_ != &default_solver())
       throw ConfigError(
           "--robust", "",
@@ -73,7 +85,7 @@ class Instrument {
   }
 
   TargetMeasurement measure(const SpotList& spots, const MeasuredAttitude* near = nullptr) const {
-    return measure_spots(sensor_, spots, file_.uncertainty_mm, near);
+    return measure_spots(sensor_, spots, search_, near);
   }
 
   /// What the verb prints of an image that cannot be measured; empty if it can.
@@ -92,6 +104,16 @@ class Instrument {
     throw ConfigError("--solver", "",
                       fmt::format("found \"{}\", allowed: {}.", a.solver, fmt::join(known, ", ")));
   }
+  static Matrix3d near_of(const AttitudeArguments& a) {
+    if (a.near_deg.empty()) return Matrix3d::Identity();
+    if (a.near_deg.size() != 3)
+      throw ConfigError("--near", "",
+                        fmt::format("found {} angles, allowed: yaw, roll and pitch, deg, separated "
+                                    "by commas.",
+                                    a.near_deg.size()));
+    return default_gimbal().rotation(
+        {rad_from_deg(a.near_deg[0]), rad_from_deg(a.near_deg[1]), rad_from_deg(a.near_deg[2])});
+  }
   static Calibration calibration_of(const AttitudeArguments& a) {
     Calibration calibration = load_calibration(a.calibration);
     calibration.source = a.calibration.string();  // what complaints name
@@ -108,18 +130,10 @@ class Instrument {
   TargetFile file_;
   TargetModel target_;
   AttitudeSensor sensor_;
+  TargetSearch search_;
 };
 
 // ---- what is printed
-
-const Gimbal& default_gimbal() {
-  static const Gimbal gimbal([] {
-    GimbalConfig config;  // by order of yaw, roll, pitch
-    config.axes = {Vector3d::UnitZ(), Vector3d::UnitY(), Vector3d::UnitX()};
-    return config;
-  }());
-  return gimbal;
-}
 
 /// An attitude as numbers for people; NaN where there is none.
 struct Shown {

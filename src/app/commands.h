@@ -60,6 +60,9 @@ struct AttitudeArguments {
   std::string solver;                         ///< empty = `default_solver`
   std::string camera;                         ///< "irt" or a central model; empty = the solver's
   bool robust = false;
+  /// Attitudes that are looked for: within so many degrees of these (yaw, roll, pitch; none = 0).
+  double within_deg = 180.0;
+  std::vector<double> near_deg;
   double electrons_per_grey = 0.0;  ///< of the camera; 0 = shot noise not counted
   std::filesystem::path out;        ///< empty = standard output
   std::string format = "csv";       ///< or "json"

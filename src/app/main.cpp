@@ -285,6 +285,11 @@ int main(int argc, char** argv) {
                     "fisheye (default: what the solver wants)");
     verb.add_flag("--robust", a.robust,
                   "more than four points: leave out those that contradict the others");
+    verb.add_option("--within", a.within_deg,
+                    "look for attitudes within so many degrees of --near: for targets that look "
+                    "the same after a turn")
+        ->check(CLI::Range(0.1, 180.0));
+    verb.add_option("--near", a.near_deg, "yaw,roll,pitch, deg (default: 0,0,0)")->delimiter(',');
     if (images)
       verb.add_option("--electrons-per-grey", a.electrons_per_grey,
                       "of the camera, so that shot noise counts in the uncertainties")

@@ -86,7 +86,7 @@ SpotList spots_in(ImageView image, double electrons_per_grey) {
 }
 
 TargetMeasurement measure_spots(const AttitudeSensor& sensor, const SpotList& spots,
-                                double target_uncertainty_mm, const MeasuredAttitude* near) {
+                                const TargetSearch& search, const MeasuredAttitude* near) {
   const TargetModel& target = sensor.target();
   TargetMeasurement out;
   if (spots.centres_px.size() < static_cast<std::size_t>(target.size())) {
@@ -118,7 +118,9 @@ TargetMeasurement measure_spots(const AttitudeSensor& sensor, const SpotList& sp
   }
 
   CorrespondenceOptions options;
-  options.sigma_mm = sigma_at_target_mm(sensor, spots, target_uncertainty_mm);
+  options.sigma_mm = sigma_at_target_mm(sensor, spots, search.target_uncertainty_mm);
+  options.R_near = search.R_near;
+  options.max_turn_rad = search.max_turn_rad;
   const Correspondence found = correspond(target, rays, sensor.planes(), options);
   switch (found.status) {
     case CorrespondenceStatus::kMatched:

@@ -3,6 +3,7 @@
 // where it does not fit any more, the target is looked for among all spots.
 #pragma once
 
+#include <numbers>
 #include <span>
 #include <string>
 #include <vector>
@@ -31,17 +32,25 @@ struct TargetMeasurement {
   std::vector<int> spot_of_point;  ///< index into the spots; empty if not known
 };
 
+/// What is known before the target is looked for.
+struct TargetSearch {
+  double target_uncertainty_mm = 0.0;  ///< of each coordinate of its points; 0 = not known
+  /// Attitudes within `max_turn_rad` of it are looked for: a target that looks the same after a
+  /// turn needs this.
+  Matrix3d R_near = Matrix3d::Identity();
+  double max_turn_rad = std::numbers::pi;
+};
+
 /// The spots that `find_spots` sees. @param electrons_per_grey of the camera; 0 = shot noise not
 /// counted.
 SpotList spots_in(ImageView image, double electrons_per_grey);
 
 /// Points that no spot shows are not made up: without all of them there is no attitude.
-/// @param target_uncertainty_mm of each coordinate of the target's points; 0 = not known
 /// @param near a measurement that has an attitude and a position, or nullptr.
 /// @throws std::invalid_argument if there is no prediction and the target's points lie in a plane,
 /// for which `correspond` has no answer.
 TargetMeasurement measure_spots(const AttitudeSensor& sensor, const SpotList& spots,
-                                double target_uncertainty_mm = 0.0,
+                                const TargetSearch& search = {},
                                 const MeasuredAttitude* near = nullptr);
 
 /// The same for spots that stand in the target's order, one per point.

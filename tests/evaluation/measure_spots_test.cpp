@@ -75,7 +75,7 @@ TEST(MeasureSpots, TakesThePredictionWhereItFits) {
   const SpotList spots = spots_of(leds(), kTurned, kPlace);
   const MeasuredAttitude before =
       pose(rotation_from_vector({0.0, 0.05, 0.0}) * kTurned, kPlace + Vector3d(2, 2, 5));
-  const TargetMeasurement got = measure_spots(sensor, spots, 0.0, &before);
+  const TargetMeasurement got = measure_spots(sensor, spots, {}, &before);
   EXPECT_TRUE(got.predicted);
   EXPECT_EQ(got.spot_of_point, (std::vector<int>{3, 2, 1, 0}));
   EXPECT_LT(geodesic_angle(got.attitude.R_plane_from_target, kTurned), 1e-4 * kRad);
@@ -85,7 +85,7 @@ TEST(MeasureSpots, LooksEverywhereWhereThePredictionDoesNotFitAnyMore) {
   const AttitudeSensor sensor(pinhole(), leds(), default_solver());
   const SpotList spots = spots_of(leds(), kTurned, kPlace);
   const MeasuredAttitude elsewhere = pose(Matrix3d::Identity(), {-60, 40, -590});
-  const TargetMeasurement got = measure_spots(sensor, spots, 0.0, &elsewhere);
+  const TargetMeasurement got = measure_spots(sensor, spots, {}, &elsewhere);
   EXPECT_FALSE(got.predicted);
   EXPECT_EQ(got.status, "converged");
   EXPECT_LT(geodesic_angle(got.attitude.R_plane_from_target, kTurned), 1e-4 * kRad);
@@ -113,6 +113,20 @@ TEST(MeasureSpots, SaysWhyThereIsNoAttitude) {
   EXPECT_FALSE(one_of_three.attitude.has_attitude());
 }
 
+TEST(MeasureSpots, TellsTheTurnsOfASymmetricTargetApartIfToldWhereToLook) {
+  const TargetModel corner(std::vector<Vector3d>{{0, 0, 0}, {75, 0, 0}, {0, 75, 0}, {0, 0, 75}});
+  const AttitudeSensor sensor(pinhole(), corner, default_solver());
+  const SpotList spots = spots_of(corner, kTurned, kPlace);
+  const TargetMeasurement got = measure_spots(sensor, spots, {.max_turn_rad = 50 * kRad});
+  EXPECT_EQ(got.status, "converged");
+  EXPECT_LT(geodesic_angle(got.attitude.R_plane_from_target, kTurned), 1e-4 * kRad);
+
+  const Matrix3d third = rotation_from_vector(120 * kRad * Vector3d(1, 1, 1).normalized());
+  const TargetMeasurement turned =
+      measure_spots(sensor, spots, {.R_near = kTurned * third, .max_turn_rad = 50 * kRad});
+  EXPECT_LT(geodesic_angle(turned.attitude.R_plane_from_target, kTurned * third), 1e-4 * kRad);
+}
+
 TEST(MeasureSpots, ByNameTakesTheTargetsOrderAndWeighsAlikeIfASpotStatesNoUncertainty) {
   const AttitudeSensor sensor(pinhole(), leds(), default_solver());
   SpotList spots = spots_of(leds(), kTurned, kPlace);
@@ -131,7 +145,7 @@ TEST(MeasureSpots, OfATargetInAPlaneNeedsAPrediction) {
   const SpotList spots = spots_of(flat, kTurned, kPlace);
   EXPECT_THROW(measure_spots(sensor, spots), std::invalid_argument);
   const MeasuredAttitude before = pose(kTurned, kPlace);
-  const TargetMeasurement got = measure_spots(sensor, spots, 0.0, &before);
+  const TargetMeasurement got = measure_spots(sensor, spots, {}, &before);
   EXPECT_TRUE(got.predicted);
   EXPECT_LT(geodesic_angle(got.attitude.R_plane_from_target, kTurned), 1e-4 * kRad);
 }
