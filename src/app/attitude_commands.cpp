@@ -429,12 +429,18 @@ class FolderSource {
 
  private:
   static constexpr std::chrono::milliseconds kPoll{2};
+  static constexpr std::chrono::milliseconds kGrain{50};
   static constexpr std::chrono::seconds kPatience{2};
 
   void refill() {
+    // Listing a big folder is work; whether it changed is one question. Its time has a grain.
+    std::error_code error;
+    const fs::file_time_type changed = fs::last_write_time(folder_, error);
+    if (!error && changed == listed_ && fs::file_time_type::clock::now() - changed > kGrain) return;
     for (const fs::path& file : images_in(folder_))
       if (seen_.insert(file).second) waiting_.push_back(file);
     std::ranges::reverse(waiting_);  // taken from the back
+    listed_ = changed;
   }
 
   /// It has not grown for so long that nobody writes it any more.
@@ -447,6 +453,7 @@ class FolderSource {
   const Instrument& instrument_;
   fs::path folder_;
   bool follow_;
+  fs::file_time_type listed_ = fs::file_time_type::min();  ///< the folder's, when it was listed
   std::set<fs::path> seen_;
   std::vector<fs::path> waiting_;  ///< last name first
 };

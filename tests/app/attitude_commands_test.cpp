@@ -171,6 +171,28 @@ TEST_F(PointsOfAPinhole, InAnyOrderAreFoundAmongOthersByEverySolver) {
   }
 }
 
+TEST_F(PointsOfAPinhole, ThatContradictTheOthersAreLeftOutIfAsked) {
+  spill(*folder_ / "six.json", R"({"format": "turntable-target/1", "points_mm": [[0, 0, 0],
+      [58.6, 13, -40], [-40.6, 44.2, -40], [-18, -57.2, -40], [30, -40, -10], [-50, 0, -20]]})");
+  std::vector<Vector3d> leds = kLeds;
+  leds.insert(leds.end(), {{30, -40, -10}, {-50, 0, -20}});
+  std::string points = "point,u_px,v_px,sigma_px\n";
+  for (std::size_t t = 0; t < leds.size(); ++t) {
+    const Vector3d p = R_ * leds[t] + at_;
+    points += fmt::format("{},{:.9f},{:.9f},0.02\n", t,
+                          511.5 - 1945.0 * p.x() / p.z() + (t == 4 ? 1.0 : 0.0),
+                          511.5 + 1945.0 * p.y() / p.z());
+  }
+  const std::string six = "--target " + (*folder_ / "six.json").string();
+  const auto with = table_of(turntable_program(solve(points, six + " --robust")).output).at(0);
+  EXPECT_EQ(with.at("left_out"), "4");
+  EXPECT_LT(geodesic_angle(rotation_in(with), R_), 1e-4 * kRad);
+  const auto without = table_of(turntable_program(solve(points, six)).output).at(0);
+  EXPECT_EQ(without.at("left_out"), "");
+  EXPECT_GT(geodesic_angle(rotation_in(without), R_), 0.01 * kRad);
+  EXPECT_GT(number_in(without, "chi2"), 100.0);
+}
+
 TEST_F(PointsOfAPinhole, ComeAsJsonIntoAFile) {
   const fs::path out = *folder_ / "attitudes.json";
   const Outcome outcome =
