@@ -16,10 +16,6 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 /// Of the start: its error is then far below what the first step corrects.
 constexpr double kStartTolerance = 1e-3;
 constexpr double kMinPivot = 1e-14;
-/// Squared: four standard deviations between the best pose and a rival.
-constexpr double kMargin = 16.0;
-/// Two refinements that end this near each other are one pose, rad.
-constexpr double kSamePose = 1e-5;
 
 /// A sighting as the refinement reads it.
 struct Sighted {
@@ -208,10 +204,6 @@ double residual_mm(const TargetModel& target, const Observation& observation, co
   return std::sqrt(sum / count);
 }
 
-bool ambiguous(double best, double rival, double dof, bool stated) {
-  return stated ? rival - best < kMargin * std::max(1.0, best / dof) : rival < kMargin * best;
-}
-
 }  // namespace
 
 Solution solve_ml_ray(const TargetModel& target, const Observation& observation,
@@ -228,32 +220,21 @@ Solution solve_ml_ray(const TargetModel& target, const Observation& observation,
   if (start.count == 0) return solution;
 
   Refinement refinement(target, observation, start.height_undefined());
-  RayPose pose;
-  Normal at;
-  std::array<RayPose, 2> ends;
+  std::array<RayEnd, 2> ends;
   std::array<Normal, 2> normals;
-  std::array<SolveStatus, 2> statuses{};
-  for (int c = 0; c < start.count; ++c) {
-    const auto k = static_cast<std::size_t>(c);
-    ends[k] = start.poses[k];
-    statuses[k] = refinement.refine(ends[k], normals[k], options, solution.iterations);
+  for (std::size_t c = 0; c < static_cast<std::size_t>(start.count); ++c) {
+    ends[c].pose = start.poses[c];
+    ends[c].status = refinement.refine(ends[c].pose, normals[c], options, solution.iterations);
+    ends[c].misfit = normals[c].chi2;
   }
-  std::size_t best = 0;
-  if (start.count == 2 &&
-      (statuses[0] != SolveStatus::kConverged ||
-       (statuses[1] == SolveStatus::kConverged && normals[1].chi2 < normals[0].chi2)))
-    best = 1;
-  solution.status = statuses[best];
-  pose = ends[best];
-  at = normals[best];
-  if (start.count == 2 && statuses[1 - best] == SolveStatus::kConverged &&
-      geodesic_angle(pose.R, ends[1 - best].R) > kSamePose) {
-    const RayPose& other = ends[1 - best];
+  const Ranking ranking =
+      rank(ends, start.count, stated ? 2.0 * target.size() - refinement.unknowns() : 0.0);
+  solution.status = ranking.status;
+  RayPose pose = ends[ranking.best].pose;
+  Normal at = normals[ranking.best];
+  if (ranking.has_rival) {
+    const RayPose& other = ends[1 - ranking.best].pose;
     solution.rival = Rival{other.R, other.T, residual_mm(target, observation, other, refinement)};
-    if (solution.status == SolveStatus::kConverged &&
-        ambiguous(at.chi2, normals[1 - best].chi2, 2.0 * target.size() - refinement.unknowns(),
-                  stated))
-      solution.status = SolveStatus::kAmbiguous;
   }
   if (options.robust && stated && solution.status == SolveStatus::kConverged) {
     drop_outliers(refinement, target, options, pose, at, solution.iterations);

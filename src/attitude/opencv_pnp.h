@@ -1,0 +1,33 @@
+// What most people would take instead: OpenCV's solvers on undistorted pinhole coordinates, as rows
+// of the same table (peers: judged by the same laws and benchmark, not built for accuracy here).
+//   opencv_sqpnp      G. Terzakis, M. Lourakis, A consistently fast and globally optimal solution to
+//                     the perspective-n-point problem, ECCV 2020, 478-494
+//   opencv_epnp       V. Lepetit, F. Moreno-Noguer, P. Fua, EPnP: an accurate O(n) solution to the
+//                     PnP problem, IJCV 81 (2009) 155-166
+//   opencv_iterative  Levenberg-Marquardt on the reprojection from the pose that AP3P (T. Ke,
+//                     S. Roumeliotis, CVPR 2017) finds for the first four points, or EPnP's where it
+//                     finds none: without a start it refuses four points
+// Symbols:
+//   object points -> target.vectors() and 0, mm: positions are M0's
+//   image points  -> observation.normalised, camera matrix 1
+//   rvec, tvec    -> R = R_camera_from_target, position_mm
+//   residual      -> rms reprojection, normalised units
+// Domain (measured without noise, OpenCV 4.6; tests/attitude/solver_laws_test.cpp):
+//   (to be stated)
+// Outside: what OpenCV refuses, throws on, answers with NaN, with points behind the camera or with a
+// reprojection beyond the image's own size is kDegenerate. The stop rules are OpenCV's own (options
+// are not read, iterations is 0); it allocates.
+#pragma once
+
+#include "src/attitude/solver.h"
+
+namespace turntable {
+
+Solution solve_opencv_sqpnp(const TargetModel& target, const Observation& observation,
+                            const SolveOptions& options);
+Solution solve_opencv_epnp(const TargetModel& target, const Observation& observation,
+                           const SolveOptions& options);
+Solution solve_opencv_iterative(const TargetModel& target, const Observation& observation,
+                                const SolveOptions& options);
+
+}  // namespace turntable
