@@ -23,7 +23,7 @@ constexpr std::string_view kGuo =
 // Stop criteria: relative to Z0 on a pinhole, mm on rays.
 constexpr SolveOptions kRelative{1e-9, 200};
 constexpr SolveOptions kLength{1e-8, 200};
-constexpr SolveOptions kStillToCome{1e-8, 1000};  // mm, of all steps that would follow
+constexpr SolveOptions kStillToCome{1e-8, 3000};  // mm, of all steps that would follow
 constexpr SolveOptions kLastStep{1e-5, 200};      // mm, of a step that is still taken
 constexpr std::string_view kTheirs = "none";      // peers stop by their own rules
 
