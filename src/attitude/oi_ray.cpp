@@ -14,13 +14,13 @@ namespace {
 constexpr double kOrthogonalStartTolerance = 1e-3;
 /// Ratio of changes that the stop rule believes at most: beyond it the ratio is rounding.
 constexpr double kSlowestRatio = 0.999;
-/// Over the number of points: keeps T along rays that are too parallel to tell it.
-constexpr double kAlongRidge = 1e-13;
+/// Determinant of the mean of 1 - V_t below which T along the rays stays where it is: the square of
+/// the rays' opening, which is then under a microradian.
+constexpr double kTooParallel = 1e-13;
 
 class OrthogonalIteration {
  public:
-  OrthogonalIteration(const TargetModel& target, const Observation& observation,
-                      bool height_undefined)
+  OrthogonalIteration(const TargetModel& target, const Observation& observation)
       : n_(target.size()) {
     Matrix3d sum = Matrix3d::Zero();
     mean_.setZero();
@@ -35,8 +35,12 @@ class OrthogonalIteration {
       sum += Matrix3d::Identity() - v_[i] * v_[i].transpose();
       mean_ += p_[i] / n_;
     }
-    if (height_undefined) sum.diagonal().array() += kAlongRidge * n_;
-    inverse_ = sum.inverse();
+    if (sum.determinant() > kTooParallel * n_ * n_ * n_) {
+      inverse_ = sum.inverse();
+    } else {
+      inverse_.setZero();
+      inverse_.topLeftCorner<2, 2>() = sum.topLeftCorner<2, 2>().inverse();
+    }
   }
 
   /// Refines `pose` in at most options.max_iterations - `spent` passes, which are added to `total`.
@@ -80,7 +84,7 @@ class OrthogonalIteration {
     return x - v_[t] * v_[t].dot(x);
   }
 
-  /// T <- T(R), as a step from T: rounding is then that of the step, and so is what the ridge does.
+  /// T <- T(R), as a step from T: rounding is then that of the step.
   void place(RayPose& pose) const {
     Vector3d sum = Vector3d::Zero();
     for (std::size_t t = 0; t < static_cast<std::size_t>(n_); ++t) sum += miss(pose, t);
@@ -90,7 +94,7 @@ class OrthogonalIteration {
   int n_;
   std::array<Vector3d, kMaxTargetPoints> p_, c_, v_;
   Vector3d mean_;
-  Matrix3d inverse_;  ///< of sum 1 - V_t
+  Matrix3d inverse_;  ///< of sum 1 - V_t; without z if the rays are parallel
 };
 
 }  // namespace
@@ -105,7 +109,7 @@ Solution solve_oi_ray(const TargetModel& target, const Observation& observation,
   solution.iterations = start.iterations;
   if (start.count == 0) return solution;
 
-  const OrthogonalIteration iteration(target, observation, start.height_undefined());
+  const OrthogonalIteration iteration(target, observation);
   std::array<RayEnd, 2> ends;
   for (std::size_t c = 0; c < static_cast<std::size_t>(start.count); ++c) {
     ends[c].pose = start.poses[c];

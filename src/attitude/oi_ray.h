@@ -22,9 +22,9 @@
 // (`rank`: the method knows nothing of the noise).
 //
 // Domain: any bundle. Every point's distance weighs the same, wherever the image's noise makes it
-// larger: some percent above the bound on deep targets. Where the start says that the rays are too
-// parallel to tell the height, T along them moves by no more than a ridge of 1e-13 lets it, and T_z is
-// stated as NaN, kHeightUndefined. Outside: no pose to start from is the start's status, what does
+// larger: some percent above the bound on deep targets. Rays that open by less than a
+// microradian leave T_z as it is; where the start says that they are too parallel to tell the height,
+// it serves as a scale and is stated as NaN, kHeightUndefined. Outside: no pose to start from is the start's status, what does
 // not stay finite is kDegenerate.
 #pragma once
 

@@ -24,6 +24,21 @@ struct PnpProblem {
   }
 };
 
+/// Sightings on one line, or in one place: their scatter has a singular value below a millionth of
+/// the other. OpenCV answers them with a pose.
+bool on_one_line(std::span<const Vector2d> x) {
+  Vector2d mean = Vector2d::Zero();
+  for (const Vector2d& point : x) mean += point / static_cast<double>(x.size());
+  double xx = 0.0, xy = 0.0, yy = 0.0;
+  for (const Vector2d& point : x) {
+    const Vector2d d = point - mean;
+    xx += d.x() * d.x();
+    xy += d.x() * d.y();
+    yy += d.y() * d.y();
+  }
+  return !(xx * yy - xy * xy > 1e-12 * (xx + yy) * (xx + yy));
+}
+
 /// @param solve bool(PnpProblem&): leaves the answer in rvec, tvec.
 template <typename Solve>
 Solution with_opencv(const TargetModel& target, const Observation& observation,
@@ -33,6 +48,8 @@ Solution with_opencv(const TargetModel& target, const Observation& observation,
   if (x.size() != static_cast<std::size_t>(target.size())) return solution;
   for (const Vector2d& point : x)
     if (!point.allFinite()) return solution;
+  solution.status = SolveStatus::kDegenerate;
+  if (on_one_line(x)) return solution;
   PnpProblem problem;
   problem.n = target.size();
   for (int t = 0; t < problem.n; ++t) {
@@ -41,7 +58,6 @@ Solution with_opencv(const TargetModel& target, const Observation& observation,
     problem.object[i] = {p.x(), p.y(), p.z()};
     problem.image[i] = {x[i].x(), x[i].y()};
   }
-  solution.status = SolveStatus::kDegenerate;
   try {
     if (!solve(problem)) return solution;
   } catch (const cv::Exception&) {
