@@ -5,7 +5,7 @@
 //   q_t  = c_t + V_t (R p_t + T(R) - c_t)                    foot of point t on its ray
 //   R   <- argmin sum_t |q_t - q - R p_t|^2                  absolute orientation, by SVD
 // Source: C.-P. Lu, G. Hager, E. Mjolsness, Fast and globally convergent pose estimation from video
-// images, IEEE TPAMI 22 (2000) 610-622, eq. 20-22; there c_t is the one centre of the camera, here
+// images, IEEE TPAMI 22 (2000) 610-622; there c_t is the one centre of the camera, here
 // any point of the ray, so that the bundle may be any. Symbols:
 //   p_t -> target.vectors(), mm; M0 itself has vector 0      q -> mean of q_t
 //   c_t -> (observation.rays[t].at_a, a), mm                 g_t -> its slope

@@ -20,9 +20,10 @@
 // (as in aopit.h: a symmetric target has the right eps before the right s).
 //
 // Domain: central cameras, where it is exact and does without AOPIT's 0/0. On others, biased: rays
-// that do not meet have no common scale (up to 0.3 deg for a pupil that walks 500 mm/rad^2, tilts up
-// to 35 deg). Outside: coincident rays or rays in one plane are kDegenerate, parallel rays
-// kHeightUndefined, no convergence kNotConverged, targets in a plane kCoplanarTarget.
+// that do not meet have no common scale (up to 0.11 deg in 100 poses with a pupil that walks
+// 500 mm/rad^2, where aopit errs by up to 0.19). Outside: coincident rays or rays in one plane are
+// kDegenerate, parallel rays kHeightUndefined, no convergence kNotConverged, targets in a plane
+// kCoplanarTarget.
 #pragma once
 
 #include "src/attitude/solver.h"
