@@ -30,18 +30,26 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::vector<const Solver*> solvers_named(const std::vector<std::string>& names) {
-  std::vector<const Solver*> solvers;
+/// The options of --solver. "all" is every row that the camera can serve, which only its calibration
+/// tells.
+EvaluateOptions solvers_named(const std::vector<std::string>& names) {
+  EvaluateOptions options;
+  if (names == std::vector<std::string>{"all"}) {
+    options.all_solvers = true;
+    return options;
+  }
+  std::vector<const Solver*>& solvers = options.solvers;
   for (const std::string& name : names) {
     const Solver* solver = find_solver(name);
     if (solver == nullptr) {
       std::string known;
       for (const Solver& s : kSolvers) known += (known.empty() ? "" : ", ") + std::string(s.name);
-      throw ConfigError("--solver", "", fmt::format("found \"{}\", allowed: {}.", name, known));
+      throw ConfigError("--solver", "",
+                        fmt::format("found \"{}\", allowed: {}, or all alone.", name, known));
     }
     if (std::ranges::find(solvers, solver) == solvers.end()) solvers.push_back(solver);
   }
-  return solvers;
+  return options;
 }
 
 /// Where the camera calibration of a run comes from.
@@ -103,8 +111,8 @@ void check_solvers(const std::vector<const Solver*>& solvers, const CameraSource
   }
 }
 
-/// The solvers that poses.csv was written for, so that a report tells of the same ones; all if
-/// there is none.
+/// The solvers that poses.csv was written for, so that a report tells of the same ones; none if
+/// there is no such file.
 std::vector<const Solver*> stored_solvers(const RunFolder& folder) {
   std::vector<const Solver*> solvers;
   if (!fs::exists(folder.poses())) return solvers;
@@ -164,7 +172,7 @@ std::optional<CalibrationSet> sweep_behind(const Calibration& calibration, const
 
 /// Evaluates a run and writes everything after the images. @return exit code.
 int finish(const RunFolder& folder, const std::optional<Calibration>& loaded,
-           const std::vector<const Solver*>& solvers, SpotSource spots, bool rewrite) {
+           EvaluateOptions options, bool rewrite) {
   const RunRecord record = read_run(folder);
   const RigFile rig = parse_rig_file(record.plan.rig.text, record.plan.rig.file, folder.root());
   if (record.torn) spdlog::warn("{}: {}", folder.journal().string(), *record.torn);
@@ -188,9 +196,6 @@ int finish(const RunFolder& folder, const std::optional<Calibration>& loaded,
   Evaluation evaluation;
   {
     ProgressLine line("evaluating");
-    EvaluateOptions options;
-    options.solvers = solvers;
-    options.spots = spots;
     options.progress = [&](std::size_t done, std::size_t total) {
       line.update(done, total, "poses");
     };
@@ -273,7 +278,7 @@ int plan_command(const PlanArguments& a) {
 int run_command(const RunArguments& a) {
   const RigFile rig_file = load_rig_file(a.rig);
   Campaign campaign = load_campaign(a.scenario);
-  const std::vector<const Solver*> solvers = solvers_named(a.solvers);
+  const EvaluateOptions options = solvers_named(a.solvers);
   const CameraSource camera = provide_calibration(campaign, rig_file, a.calibration);
   const ArchiveMode archive = archive_mode_from_name(a.images);
   const Plan plan = plan_campaign(campaign, rig_file);
@@ -282,7 +287,7 @@ int run_command(const RunArguments& a) {
         "--images", "",
         "found \"none\", allowed with a calibration sweep: regions, full. The pattern's "
         "images are what the camera is calibrated from.");
-  check_solvers(solvers, camera, plan);
+  check_solvers(options.solvers, camera, plan);
   const fs::path root = a.out.empty() ? RunFolder::default_root(plan.name) : a.out;
   const PlanReport report = check_plan(plan, rig_file, {archive, root});
   fmt::print("{}", plan_summary(plan, report));
@@ -297,7 +302,7 @@ int run_command(const RunArguments& a) {
   fmt::print("{} poses taken: {} on the rig's clock, {} by the wall\n", summary.poses,
              duration_text(summary.rig_s), duration_text(summary.wall_s));
   try {
-    const int code = finish(folder, camera.loaded, solvers, SpotSource::kImages, true);
+    const int code = finish(folder, camera.loaded, options, true);
     return code == kDone && summary.failed > 0 ? kFailedPoses : code;
   } catch (const Interrupted&) {
     throw;
@@ -317,7 +322,7 @@ int evaluate_command(const EvaluateArguments& a) {
   const RunFolder folder = RunFolder::open(a.run);
   std::optional<Calibration> loaded;
   if (!a.calibration.empty()) loaded = load_calibration(a.calibration);
-  return finish(folder, loaded, solvers_named(a.solvers), SpotSource::kImages, true);
+  return finish(folder, loaded, solvers_named(a.solvers), true);
 }
 
 int report_command(const std::vector<fs::path>& runs) {
@@ -326,8 +331,10 @@ int report_command(const std::vector<fs::path>& runs) {
     const RunFolder folder = RunFolder::open(run);
     std::optional<Calibration> stored;
     if (fs::exists(folder.calibration())) stored = load_calibration(folder.calibration());
-    code =
-        std::max(code, finish(folder, stored, stored_solvers(folder), SpotSource::kJournal, false));
+    EvaluateOptions options;
+    options.solvers = stored_solvers(folder);
+    options.spots = SpotSource::kJournal;
+    code = std::max(code, finish(folder, stored, std::move(options), false));
   }
   return code;
 }

@@ -87,8 +87,9 @@ int main(int argc, char** argv) {
   int code = kDone;
   const auto solver_names = [] {
     std::string names;
-    for (const Solver& s : kSolvers) names += (names.empty() ? "" : ", ") + std::string(s.name);
-    return names;
+    for (const Solver& s : kSolvers)
+      names += (names.empty() ? "" : ", ") + std::string(s.name) + (s.by_default ? "*" : "");
+    return names + " (* = where none is named)";
   }();
   const std::string image_modes =
       "what to archive of LED images: full, regions (spots with a margin), none";
@@ -149,7 +150,7 @@ int main(int argc, char** argv) {
   run_verb->add_option("scenario", run.scenario, "scenario or campaign file")->required();
   run_verb->add_option("--rig", run.rig, "rig file")->required();
   run_verb->add_option("--out", run.out, "run folder (default: results/runs/<UTC>-<name>)");
-  run_verb->add_option("--solver", run.solvers, "solvers to report (default: all): " + solver_names)
+  run_verb->add_option("--solver", run.solvers, "solvers to report: all, or of " + solver_names)
       ->delimiter(',');
   run_verb->add_option("--calibration", run.calibration, "camera calibration instead of a sweep");
   run_verb->add_option("--images", run.images, image_modes)->capture_default_str();
@@ -176,8 +177,7 @@ int main(int argc, char** argv) {
       "evaluate", "Make everything after the images again: calibration, poses.csv, tables, report");
   evaluate_verb->add_option("run", evaluate.run, "run folder")->required();
   evaluate_verb
-      ->add_option("--solver", evaluate.solvers,
-                   "solvers to report (default: all): " + solver_names)
+      ->add_option("--solver", evaluate.solvers, "solvers to report: all, or of " + solver_names)
       ->delimiter(',');
   evaluate_verb->add_option("--calibration", evaluate.calibration, "another camera calibration");
   evaluate_verb->footer(
