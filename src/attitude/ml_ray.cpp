@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "src/attitude/chi_square.h"
+#include "src/attitude/ray_residual.h"
 #include "src/attitude/ray_start.h"
 
 namespace turntable {
@@ -16,13 +17,6 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 /// Of the start: its error is then far below what the first step corrects.
 constexpr double kStartTolerance = 1e-3;
 constexpr double kMinPivot = 1e-14;
-
-/// A sighting as the refinement reads it.
-struct Sighted {
-  Vector3d p;  ///< M0Mt, mm
-  Vector2d at_a, g;
-  Eigen::Matrix2d S_a, S_slope;  ///< S(z) = S_a + S_slope (z - a)
-};
 
 /// What a pose comes to: chi^2, its gradient and N, in (delta radius, T), all mm.
 struct Normal {
@@ -38,25 +32,12 @@ class Refinement {
         a_(observation.planes.a_mm),
         radius_(target.radius_mm()),
         height_undefined_(height_undefined) {
-    const RayPlanes& planes = observation.planes;
-    const double span = planes.b_mm - planes.a_mm;
     for (int t = 0; t < n_; ++t) {
       const auto i = static_cast<std::size_t>(t);
-      const Ray& ray = observation.rays[i];
-      Sighted& s = sighted_[i];
-      s.p = t == 0 ? Vector3d(Vector3d::Zero()) : Vector3d(target.vectors().col(t - 1));
-      s.at_a = ray.at_a;
-      s.g = (ray.at_b - ray.at_a) / span;
-      if (!observation.spreads.empty()) {
-        s.S_a = observation.spreads[i].at_a;
-        s.S_slope = (observation.spreads[i].at_b - observation.spreads[i].at_a) / span;
-      } else {
-        // A perpendicular miss of 1 mm, seen in the plane: 1 + g g^T, and this is its root.
-        const double gg = s.g.squaredNorm();
-        s.S_a.setIdentity();
-        if (gg > 0.0) s.S_a += (std::sqrt(1.0 + gg) - 1.0) / gg * s.g * s.g.transpose();
-        s.S_slope.setZero();
-      }
+      sighted_[i] = Sighted(observation.rays[i],
+                            observation.spreads.empty() ? nullptr : &observation.spreads[i],
+                            observation.planes);
+      p_[i] = t == 0 ? Vector3d(Vector3d::Zero()) : Vector3d(target.vectors().col(t - 1));
     }
   }
 
@@ -71,27 +52,21 @@ class Refinement {
     Vector3d gd = Vector3d::Zero(), gt = gd;
     for (int t = 0; t < n_; ++t) {
       if (!uses(t)) continue;
-      const Sighted& s = sighted_[static_cast<std::size_t>(t)];
-      const Vector3d q = pose.R * s.p;
-      const double depth = q.z() + pose.T.z() - a_;
-      const Vector2d miss = q.head<2>() + pose.T.head<2>() - s.at_a - s.g * depth;
-      const Eigen::Matrix2d S = s.S_a + depth * s.S_slope;
-      Eigen::Matrix2d W;
-      W << S(1, 1), -S(0, 1), -S(1, 0), S(0, 0);
-      W /= S(0, 0) * S(1, 1) - S(0, 1) * S(1, 0);
-      const Vector2d r = W * miss;
-      const Vector2d dz = -W * (s.g + s.S_slope * r);
+      const auto index = static_cast<std::size_t>(t);
+      const Vector3d q = pose.R * p_[index], X = q + pose.T;
+      const RayResidual residual = sighted_[index].residual(X, X.z() - a_);
       const Vector3d lever = q / radius_;
-      for (int row = 0; row < 2; ++row) {
-        const Vector3d x(W(row, 0), W(row, 1), dz(row));  // d r / d X
+      for (Eigen::Index row = 0; row < 2; ++row) {
+        const Vector3d x = residual.row(row);  // d r / d X
         const Vector3d d = lever.cross(x);
+        const double r = residual.r(row);
         dd.noalias() += d * d.transpose();
         td.noalias() += x * d.transpose();
         tt.noalias() += x * x.transpose();
-        gd += r(row) * d;
-        gt += r(row) * x;
+        gd += r * d;
+        gt += r * x;
       }
-      out.chi2 += r.squaredNorm();
+      out.chi2 += residual.r.squaredNorm();
     }
     out.N << dd, td.transpose(), td, tt;
     out.gradient << gd, gt;
@@ -155,6 +130,7 @@ class Refinement {
   bool height_undefined_;
   std::uint32_t left_out_ = 0;
   std::array<Sighted, kMaxTargetPoints> sighted_;
+  std::array<Vector3d, kMaxTargetPoints> p_;  ///< M0Mt, mm
 };
 
 /// Leaves out the points that contradict the others, as the header says.
