@@ -170,9 +170,21 @@ std::optional<CalibrationSet> sweep_behind(const Calibration& calibration, const
   return sweep_set(record, folder, rig);
 }
 
-/// Evaluates a run and writes everything after the images. @return exit code.
+/// Of a run that is there already, from its stored points.
+CameraComparison stored_comparison(const RunFolder& folder) {
+  const RunRecord record = read_run(folder);
+  const RigFile rig = parse_rig_file(record.plan.rig.text, record.plan.rig.file, folder.root());
+  const Calibration calibration = load_calibration(folder.calibration());
+  EvaluateOptions options;
+  options.solvers = {&default_solver()};  // for the points
+  options.spots = SpotSource::kJournal;
+  return compare_cameras(evaluate(record, folder, rig, calibration, options), rig, calibration);
+}
+
+/// Evaluates a run and writes everything after the images.
+/// @param beside runs whose cameras are set beside this one's. @return exit code.
 int finish(const RunFolder& folder, const std::optional<Calibration>& loaded,
-           EvaluateOptions options, bool rewrite) {
+           EvaluateOptions options, bool rewrite, const std::vector<RunFolder>& beside = {}) {
   const RunRecord record = read_run(folder);
   const RigFile rig = parse_rig_file(record.plan.rig.text, record.plan.rig.file, folder.root());
   if (record.torn) spdlog::warn("{}: {}", folder.journal().string(), *record.torn);
@@ -202,7 +214,9 @@ int finish(const RunFolder& folder, const std::optional<Calibration>& loaded,
     evaluation = evaluate(record, folder, rig, calibration, options);
   }
   if (rewrite) write_poses_csv(evaluation, record.plan, folder.poses());
-  const fs::path report = write_report(folder, record, rig, calibration, set, evaluation);
+  std::vector<CameraComparison> cameras{compare_cameras(evaluation, rig, calibration)};
+  for (const RunFolder& other : beside) cameras.push_back(stored_comparison(other));
+  const fs::path report = write_report(folder, record, rig, calibration, set, evaluation, cameras);
 
   for (const PlaneResidual& p : calibration.planes)
     fmt::print("camera: plane {:8.3f} mm ({}): residual {:.4f} mm rms, {:.4f} mm max, {} circles\n",
@@ -281,6 +295,11 @@ int run_command(const RunArguments& a) {
   const EvaluateOptions options = solvers_named(a.solvers);
   const CameraSource camera = provide_calibration(campaign, rig_file, a.calibration);
   const ArchiveMode archive = archive_mode_from_name(a.images);
+  std::vector<RunFolder> beside;
+  for (const fs::path& other : a.beside) {
+    beside.push_back(RunFolder::open(other));
+    (void)load_calibration(beside.back().calibration());  // now, not after a night
+  }
   const Plan plan = plan_campaign(campaign, rig_file);
   if (archive == ArchiveMode::kNone && !camera.loaded && has_calibration_sweep(plan))
     throw ConfigError(
@@ -302,7 +321,7 @@ int run_command(const RunArguments& a) {
   fmt::print("{} poses taken: {} on the rig's clock, {} by the wall\n", summary.poses,
              duration_text(summary.rig_s), duration_text(summary.wall_s));
   try {
-    const int code = finish(folder, camera.loaded, options, true);
+    const int code = finish(folder, camera.loaded, options, true, beside);
     return code == kDone && summary.failed > 0 ? kFailedPoses : code;
   } catch (const Interrupted&) {
     throw;
@@ -334,7 +353,10 @@ int report_command(const std::vector<fs::path>& runs) {
     EvaluateOptions options;
     options.solvers = stored_solvers(folder);
     options.spots = SpotSource::kJournal;
-    code = std::max(code, finish(folder, stored, std::move(options), false));
+    std::vector<RunFolder> beside;
+    for (const fs::path& other : runs)
+      if (&run == &runs.front() && &other != &run) beside.push_back(RunFolder::open(other));
+    code = std::max(code, finish(folder, stored, std::move(options), false, beside));
   }
   return code;
 }

@@ -29,6 +29,7 @@ int plan_command(const PlanArguments& a);
 struct RunArguments {
   std::filesystem::path scenario, rig, out, calibration, wire_log;
   std::vector<std::string> solvers;
+  std::vector<std::filesystem::path> beside;  ///< earlier runs whose cameras the report sets beside
   std::string images = "regions";
   bool dry_run = false, configure = false, assume_mounted = false;
   double speed = 1.0;

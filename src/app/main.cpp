@@ -154,6 +154,9 @@ int main(int argc, char** argv) {
   run_verb->add_option("--out", run.out, "run folder (default: results/runs/<UTC>-<name>)");
   run_verb->add_option("--solver", run.solvers, solvers_help)->delimiter(',');
   run_verb->add_option("--calibration", run.calibration, "camera calibration instead of a sweep");
+  run_verb->add_option("--beside", run.beside,
+                       "earlier run, such as one with another lens: the report sets its table of "
+                       "cameras and solvers beside this one's");
   run_verb->add_option("--images", run.images, image_modes)->capture_default_str();
   run_verb->add_option("--wire-log", run.wire_log, "append every byte on every line to this file");
   run_verb
@@ -187,7 +190,11 @@ int main(int argc, char** argv) {
   std::vector<std::filesystem::path> reports;
   auto* report_verb =
       app.add_subcommand("report", "Write tables, figures and report.md again from stored points");
-  report_verb->add_option("runs", reports, "run folders")->required();
+  report_verb
+      ->add_option("runs", reports,
+                   "run folders; the first one's table of cameras and solvers has the others' "
+                   "beside it")
+      ->required();
   report_verb->footer("Example:\n  turntable report results/runs/20260131T120000Z-quick");
   report_verb->callback([&] { code = guarded([&] { return report_command(reports); }); });
 

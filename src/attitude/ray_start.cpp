@@ -9,6 +9,11 @@
 namespace turntable {
 namespace {
 
+/// Squared: four standard deviations between the best pose and a rival.
+constexpr double kMargin = 16.0;
+/// Two refinements that end this near each other are one pose, rad.
+constexpr double kSamePose = 1e-5;
+
 RayStart planar_start(const TargetModel& target, const Observation& observation) {
   RayStart start;
   RayBundle bundle;
@@ -73,6 +78,26 @@ RayStart start_on_rays(const TargetModel& target, const Observation& observation
   start.poses[0] = {s.R, s.position_mm};
   if (start.height_undefined()) start.poses[0].T.z() = observation.planes.a_mm;
   return start;
+}
+
+Ranking rank(const std::array<RayEnd, 2>& ends, int count, double dof) {
+  const auto converged = [&](std::size_t c) { return ends[c].status == SolveStatus::kConverged; };
+  Ranking ranking;
+  if (count == 2 &&
+      (ends[0].status == SolveStatus::kDegenerate ||
+       (ends[1].status != SolveStatus::kDegenerate && ends[1].misfit < ends[0].misfit)))
+    ranking.best = 1;
+  const RayEnd& best = ends[ranking.best];
+  const RayEnd& other = ends[1 - ranking.best];
+  ranking.status = best.status;
+  ranking.has_rival = count == 2 && converged(1 - ranking.best) &&
+                      geodesic_angle(best.pose.R, other.pose.R) > kSamePose;
+  const bool told_apart =
+      dof > 0.0 ? other.misfit - best.misfit >= kMargin * std::max(1.0, best.misfit / dof)
+                : other.misfit >= kMargin * best.misfit;
+  if (ranking.has_rival && best.status == SolveStatus::kConverged && !told_apart)
+    ranking.status = SolveStatus::kAmbiguous;
+  return ranking;
 }
 
 }  // namespace turntable

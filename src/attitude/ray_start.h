@@ -40,4 +40,25 @@ struct RayStart {
 RayStart start_on_rays(const TargetModel& target, const Observation& observation,
                        double tolerance_mm, int max_iterations);
 
+/// Where the refinement of a start ended.
+struct RayEnd {
+  RayPose pose;
+  double misfit = Solution::kNaN;  ///< what was minimised: chi^2, or a sum of squares
+  SolveStatus status = SolveStatus::kDegenerate;
+};
+
+struct Ranking {
+  std::size_t best = 0;
+  bool has_rival = false;  ///< the other end converged too, to another attitude
+  /// Of the best; kAmbiguous if it converged and the rival explains the sightings nearly as well.
+  SolveStatus status = SolveStatus::kDegenerate;
+};
+
+/// Which of one or two ends is the answer: the one of smaller misfit that is not degenerate. If it did
+/// not converge, the other one is no answer either: it explains the sightings worse. They tell the attitude apart if their misfits differ by 16 max(1, best / dof): four
+/// standard deviations, of the noise stated or, if the misfit shows more, of that.
+/// @param dof degrees of freedom of chi^2; 0 if the noise is not known and the misfit any sum of
+/// squares: then by a factor of 16 (of four in its root).
+Ranking rank(const std::array<RayEnd, 2>& ends, int count, double dof = 0.0);
+
 }  // namespace turntable

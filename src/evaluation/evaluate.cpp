@@ -160,6 +160,7 @@ Evaluation evaluate(const RunRecord& record, const RunFolder& folder, const RigF
         for (std::size_t k = 0; k < sensors.size(); ++k)
           attitudes[i][k] = sensors[k].measure(seen->points_px, seen->covariances_px2);
         pose.points_px = std::move(seen->points_px);
+        pose.covariances_px2 = std::move(seen->covariances_px2);
       } else {
         why_not[i] = status;
       }

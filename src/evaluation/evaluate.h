@@ -50,6 +50,7 @@ struct EvaluatedPose {
   bool in_domain = false;           ///< every matched spot lies inside the calibrated area
   std::vector<PoseResult> results;  ///< one per solver, in the table's order
   std::vector<Vector2d> points_px;  ///< matched spots in the target's order; empty if not matched
+  std::vector<Eigen::Matrix2d> covariances_px2;  ///< of each; empty if not stated
 };
 
 struct Evaluation {

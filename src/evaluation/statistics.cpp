@@ -80,6 +80,20 @@ double percentile(std::span<const double> values, double share) {
   return std::lerp(sorted[below], sorted[above], place - static_cast<double>(below));
 }
 
+Interval bootstrap_interval(std::size_t count,
+                            const std::function<double(std::span<const std::size_t>)>& statistic,
+                            Random random, int resamples) {
+  if (count < 2) return {kNaN, kNaN};
+  std::vector<std::size_t> drawn(count);
+  std::vector<double> values;
+  for (int k = 0; k < resamples; ++k) {
+    for (std::size_t& i : drawn)
+      i = static_cast<std::size_t>(random.uniform() * static_cast<double>(count));
+    values.push_back(statistic(drawn));
+  }
+  return {percentile(values, 0.025), percentile(values, 0.975)};
+}
+
 double total_rmse(double pitch_deg, double roll_deg, double yaw_deg) {
   return std::hypot(pitch_deg, roll_deg, yaw_deg);
 }

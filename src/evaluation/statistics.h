@@ -10,8 +10,10 @@
 #pragma once
 
 #include <cstddef>
+#include <functional>
 #include <span>
 
+#include "src/core/random.h"
 #include "src/geometry/gimbal.h"
 #include "src/geometry/rotation.h"
 
@@ -71,6 +73,18 @@ double max_signed(std::span<const double> values);
 /// `share` in [0, 1], interpolated linearly between order statistics (the median is share 0.5). NaN
 /// if empty.
 double percentile(std::span<const double> values, double share);
+
+struct Interval {
+  double lower, upper;
+};
+
+/// 95 % interval of a statistic of `count` independent things, by drawing them again with
+/// replacement (percentile bootstrap; B. Efron, R. Tibshirani, An Introduction to the Bootstrap,
+/// 1993, ch. 13). `statistic` gets indices into them, `count` of them, some more than once.
+/// @return NaN for fewer than two things. The same seed gives the same interval.
+Interval bootstrap_interval(std::size_t count,
+                            const std::function<double(std::span<const std::size_t>)>& statistic,
+                            Random random, int resamples = 1000);
 
 /// Root of the sum of squares of the three axis RMSEs.
 double total_rmse(double pitch_deg, double roll_deg, double yaw_deg);

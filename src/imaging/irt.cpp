@@ -162,6 +162,17 @@ Eigen::Matrix2d IrtModel::ray_covariance(const Vector2d& pixel_px) const {
   return out;
 }
 
+Eigen::MatrixXd IrtModel::joint_ray_covariance(std::span<const Vector2d> pixels_px) const {
+  const auto n = static_cast<Eigen::Index>(pixels_px.size()), terms = coefficients_.rows();
+  if (covariance_.size() == 0) return Eigen::MatrixXd::Constant(2 * n, 2 * n, NAN);
+  Eigen::MatrixXd phi = Eigen::MatrixXd::Zero(2 * terms, 2 * n);
+  for (Eigen::Index t = 0; t < n; ++t) {
+    basis(pixels_px[static_cast<std::size_t>(t)], size_, order_, &phi(0, t));
+    phi.block(terms, n + t, terms, 1) = phi.block(0, t, terms, 1);
+  }
+  return phi.transpose() * covariance_ * phi;
+}
+
 double IrtModel::sigma_mm(const Vector2d& pixel_px, double z_mm) const {
   const Eigen::Matrix2d C = ray_covariance(pixel_px);
   const double lambda = (z_mm - planes_.a_mm) / (planes_.b_mm - planes_.a_mm), mu = 1.0 - lambda;

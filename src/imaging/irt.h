@@ -64,6 +64,9 @@ class IrtModel {
   void set_covariance(Eigen::MatrixXd covariance);
   /// Covariance of the ray's (value on a, value on b) of one coordinate, mm^2; NaN without covariance.
   Eigen::Matrix2d ray_covariance(const Vector2d& pixel_px) const;
+  /// The same of several rays together, which share the coefficients: (values on a, then values on b),
+  /// 2n x 2n.
+  Eigen::MatrixXd joint_ray_covariance(std::span<const Vector2d> pixels_px) const;
   /// Standard uncertainty of the ray's x, and of its y, at height z, mm; NaN without covariance.
   double sigma_mm(const Vector2d& pixel_px, double z_mm) const;
   /// Local scale at height z: sqrt|det d(x,y)/d(u,v)|.

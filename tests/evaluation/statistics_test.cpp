@@ -6,6 +6,7 @@
 #include <cmath>
 #include <vector>
 
+#include "src/core/random.h"
 #include "src/core/units.h"
 #include "tests/support/draws.h"
 #include "tests/support/golden.h"
@@ -147,6 +148,31 @@ TEST(Statistics, a_fixed_rotation_of_the_target_cancels_in_relative_attitudes) {
   const Matrix3d R_k = rotation_deg(gimbal, random.uniform(-30, 30), random.uniform(-30, 30), 40);
   EXPECT_LT((relative_attitude(R_k * Y, R_0 * Y) - relative_attitude(R_k, R_0)).norm(), 1e-14);
   EXPECT_LT((relative_attitude(R_k, R_k) - Matrix3d::Identity()).norm(), 1e-14);
+}
+
+TEST(Statistics, bootstrap_intervals_hold_the_truth_as_often_as_they_say) {
+  Random random = draws_of_this_test();
+  int held = 0;
+  constexpr int kTrials = 300;
+  for (int trial = 0; trial < kTrials; ++trial) {
+    std::vector<double> values(100);
+    for (double& v : values) v = 2.0 * random.normal();
+    const Interval interval = bootstrap_interval(
+        values.size(),
+        [&](std::span<const std::size_t> drawn) {
+          double sum = 0.0;
+          for (const std::size_t i : drawn) sum += values[i] * values[i];
+          return std::sqrt(sum / static_cast<double>(drawn.size()));
+        },
+        Random(7, "bootstrap", static_cast<std::uint64_t>(trial)), 400);
+    EXPECT_LT(interval.lower, interval.upper);
+    held += interval.lower <= 2.0 && 2.0 <= interval.upper;
+  }
+  // 95 %, a little less for 100 values; four standard deviations of 300 trials.
+  EXPECT_NEAR(held / static_cast<double>(kTrials), 0.94, 0.055);
+  EXPECT_TRUE(std::isnan(bootstrap_interval(
+                             1, [](auto) { return 1.0; }, Random(1, "x"))
+                             .lower));
 }
 
 }  // namespace

@@ -243,6 +243,23 @@ TEST(IrtStatistics, ScaleIsTheHeightBelowTheCameraOverItsFocalLength) {
     EXPECT_NEAR(model.mm_per_px({512, 512}, z), (700 - z) / 1945, 0.01 * (700 - z) / 1945);
 }
 
+TEST(IrtStatistics, RaysTogetherHaveTheirOwnCovariancesAndWhatOneShareTheyBoth) {
+  const IrtModel model = fit_irt(points_of({130, 180}, 0.02), kPlanes, 3, kSize).model;
+  const std::vector<Vector2d> pixels{{400, 600}, {650, 300}, {400, 600}};
+  const Eigen::MatrixXd joint = model.joint_ray_covariance(pixels);
+  ASSERT_EQ(joint.rows(), 6);
+  const double scale = joint.diagonal().maxCoeff();
+  for (Eigen::Index t = 0; t < 3; ++t) {
+    const Eigen::Matrix2d own = model.ray_covariance(pixels[static_cast<std::size_t>(t)]);
+    EXPECT_NEAR(joint(t, t), own(0, 0), 1e-12 * scale);
+    EXPECT_NEAR(joint(3 + t, t), own(1, 0), 1e-12 * scale);
+    EXPECT_NEAR(joint(3 + t, 3 + t), own(1, 1), 1e-12 * scale);
+  }
+  EXPECT_NEAR(joint(0, 2), joint(0, 0), 1e-12 * scale);  // the same pixel
+  EXPECT_GT(std::abs(joint(0, 1)), 1e-6 * scale);        // one polynomial
+  EXPECT_LT((joint - joint.transpose()).norm(), 1e-12 * scale);
+}
+
 TEST(IrtStatistics, WithoutCovarianceTheUncertaintyIsNotKnownAndOneOfAnotherSizeIsRefused) {
   IrtModel model = fit_irt(points_of({130, 180}, 0.02), kPlanes, 3, kSize).model;
   const Eigen::MatrixXd covariance = model.covariance();
