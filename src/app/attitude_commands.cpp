@@ -88,6 +88,10 @@ class Instrument {
     return measure_spots(sensor_, spots, search_, near);
   }
 
+  TargetMeasurement measure_named(const SpotList& spots) const {
+    return measure_named_spots(sensor_, spots, file_.uncertainty_mm);
+  }
+
   /// What the verb prints of an image that cannot be measured; empty if it can.
   std::string size_complaint(ImageSize size) const {
     if (size == image_size()) return {};
@@ -148,15 +152,22 @@ Eigen::Vector4d quaternion_of(const Matrix3d& R) {
   return (q.w() < 0.0 ? -1.0 : 1.0) * Eigen::Vector4d(q.w(), q.x(), q.y(), q.z());
 }
 
-Shown shown(const MeasuredAttitude& a) {
+/// Standard uncertainties: about x, y, z, deg; and along them, mm.
+Vector3d std_deg(const Matrix6d& covariance) {
+  return deg_from_rad(1.0) * covariance.diagonal().head<3>().cwiseSqrt();
+}
+Vector3d std_mm(const Matrix6d& covariance) { return covariance.diagonal().tail<3>().cwiseSqrt(); }
+
+Shown shown(const TargetMeasurement& m) {
   Shown out;
-  if (!a.R_plane_from_target.allFinite()) return out;
-  out.vector_deg = deg_from_rad(1.0) * vector_from_rotation(a.R_plane_from_target);
-  out.quaternion = quaternion_of(a.R_plane_from_target);
-  const GimbalAngles angles = default_gimbal().angles(a.R_plane_from_target);
+  const Matrix3d& R = m.attitude.R_plane_from_target;
+  if (!R.allFinite()) return out;
+  out.vector_deg = deg_from_rad(1.0) * vector_from_rotation(R);
+  out.quaternion = quaternion_of(R);
+  const GimbalAngles angles = default_gimbal().angles(R);
   out.yaw_roll_pitch_deg = deg_from_rad(1.0) * Vector3d(angles.yaw, angles.roll, angles.pitch);
-  out.std_deg = deg_from_rad(1.0) * a.covariance.diagonal().head<3>().cwiseSqrt();
-  out.std_mm = a.covariance.diagonal().tail<3>().cwiseSqrt();
+  out.std_deg = std_deg(m.uncertainty.total());
+  out.std_mm = std_mm(m.uncertainty.total());
   return out;
 }
 
@@ -209,7 +220,7 @@ void add_numbers(Csv& csv, const Vector& values, int decimals) {
 /// The cells of a line, without its end.
 void add_cells(Csv& csv, const Line& line) {
   const MeasuredAttitude& a = line.measurement.attitude;
-  const Shown s = shown(a);
+  const Shown s = shown(line.measurement);
   csv.text(line.name).text(line.measurement.status);
   add_numbers(csv, s.vector_deg, 6);
   add_numbers(csv, s.quaternion, 9);
@@ -235,7 +246,7 @@ Json numbers(const Vector& values) {
 
 Json json_of(const std::string& first, const Line& line, std::string_view residual_unit) {
   const MeasuredAttitude& a = line.measurement.attitude;
-  const Shown s = shown(a);
+  const Shown s = shown(line.measurement);
   Json json{{first, line.name},
             {"status", line.measurement.status},
             {"rotation_vector_deg", numbers(s.vector_deg)},
@@ -252,10 +263,15 @@ Json json_of(const std::string& first, const Line& line, std::string_view residu
             {"in_domain", nullptr},
             {"spot_of_point", line.measurement.spot_of_point},
             {"left_out", points_left_out(a)}};
-  if (!a.covariance.array().isNaN().all()) {
+  const PoseUncertainty& u = line.measurement.uncertainty;
+  const Matrix6d total = u.total();
+  if (!total.array().isNaN().all()) {
     json["covariance_rad_mm"] = Json::array();
-    for (int i = 0; i < 6; ++i)
-      json["covariance_rad_mm"].push_back(numbers(a.covariance.row(i).eval()));
+    for (int i = 0; i < 6; ++i) json["covariance_rad_mm"].push_back(numbers(total.row(i).eval()));
+    for (const auto& [source, part] :
+         {std::pair{"spots", &u.spots}, {"rays", &u.rays}, {"target", &u.target}})
+      json["std_by_source"][source] = {{"rotation_deg", numbers(std_deg(*part))},
+                                       {"position_mm", numbers(std_mm(*part))}};
   }
   if (!line.measurement.spot_of_point.empty()) json["in_domain"] = a.in_domain;
   if (a.rival)
@@ -595,7 +611,7 @@ int solve_command(const SolveArguments& a) {
       return;
     }
     for (const int row : order[k]) add(static_cast<std::size_t>(row));
-    out = measure_named_spots(instrument.sensor(), spots);
+    out = instrument.measure_named(spots);
   });
   return put(a, instrument, "frame", lines);
 }

@@ -310,11 +310,9 @@ int main(int argc, char** argv) {
   };
   const std::string attitudes =
       "One line per %: status; rotation vector, quaternion and yaw, roll, pitch of the target in "
-      "the "
-      "plane frame;\nposition of its first point; standard uncertainties (std_*) from those of "
-      "the spots alone,\nempty where nothing is known;\nchi2, residual, in_domain (0: outside the "
-      "calibrated "
-      "area).\n";
+      "the plane frame;\nposition of its first point; standard uncertainties (std_*) from spots, "
+      "calibration and target,\nas far as each states its own; chi2 of the spots, residual, "
+      "in_domain (0: outside the calibrated area).\n";
   const auto of_each = [&attitudes](const std::string& what) {
     std::string text = attitudes;
     return text.replace(text.find('%'), 1, what);

@@ -44,7 +44,8 @@ double sigma_at_target_mm(const AttitudeSensor& sensor, const SpotList& spots,
 }
 
 /// Fills in the attitude for spots that are known.
-void solve_matched(const AttitudeSensor& sensor, const SpotList& spots, TargetMeasurement& out) {
+void solve_matched(const AttitudeSensor& sensor, const SpotList& spots,
+                   double target_uncertainty_mm, TargetMeasurement& out) {
   std::vector<Vector2d> points;
   std::vector<Eigen::Matrix2d> covariances;
   for (const int spot : out.spot_of_point) {
@@ -55,6 +56,7 @@ void solve_matched(const AttitudeSensor& sensor, const SpotList& spots, TargetMe
   }
   if (covariances.size() != points.size()) covariances.clear();
   out.attitude = sensor.measure(points, covariances);
+  out.uncertainty = sensor.uncertainty(points, covariances, out.attitude, target_uncertainty_mm);
   out.status = status_name(out.attitude.status);
 }
 
@@ -68,11 +70,12 @@ double match_gate_mm(std::span<const Vector3d> points_mm) {
   return 0.25 * smallest;
 }
 
-TargetMeasurement measure_named_spots(const AttitudeSensor& sensor, const SpotList& spots) {
+TargetMeasurement measure_named_spots(const AttitudeSensor& sensor, const SpotList& spots,
+                                      double target_uncertainty_mm) {
   TargetMeasurement out;
   out.spot_of_point.resize(spots.centres_px.size());
   std::iota(out.spot_of_point.begin(), out.spot_of_point.end(), 0);
-  solve_matched(sensor, spots, out);
+  solve_matched(sensor, spots, target_uncertainty_mm, out);
   return out;
 }
 
@@ -107,7 +110,7 @@ TargetMeasurement measure_spots(const AttitudeSensor& sensor, const SpotList& sp
     if (match.status == MatchStatus::kMatched) {
       out.predicted = true;
       out.spot_of_point = match.ray_of_point;
-      solve_matched(sensor, spots, out);
+      solve_matched(sensor, spots, search.target_uncertainty_mm, out);
       if (out.attitude.has_attitude() || target.coplanar()) return out;
       out = {};
     } else if (target.coplanar()) {
@@ -125,7 +128,7 @@ TargetMeasurement measure_spots(const AttitudeSensor& sensor, const SpotList& sp
   switch (found.status) {
     case CorrespondenceStatus::kMatched:
       out.spot_of_point = found.ranked.front().spot_of_point;
-      solve_matched(sensor, spots, out);
+      solve_matched(sensor, spots, search.target_uncertainty_mm, out);
       break;
     case CorrespondenceStatus::kAmbiguous:
       out.status = match_status_name(MatchStatus::kAmbiguous);

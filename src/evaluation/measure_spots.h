@@ -25,6 +25,9 @@ struct SpotList {
 
 struct TargetMeasurement {
   MeasuredAttitude attitude;
+  /// NaN without a covariance.
+  PoseUncertainty uncertainty{MeasuredAttitude{}.covariance, MeasuredAttitude{}.covariance,
+                              MeasuredAttitude{}.covariance};
   /// `status_name`, or why the spots are not known: "too few spots: 2 of 4", "ambiguous spots", "no
   /// target".
   std::string status;
@@ -54,6 +57,7 @@ TargetMeasurement measure_spots(const AttitudeSensor& sensor, const SpotList& sp
                                 const MeasuredAttitude* near = nullptr);
 
 /// The same for spots that stand in the target's order, one per point.
-TargetMeasurement measure_named_spots(const AttitudeSensor& sensor, const SpotList& spots);
+TargetMeasurement measure_named_spots(const AttitudeSensor& sensor, const SpotList& spots,
+                                      double target_uncertainty_mm = 0.0);
 
 }  // namespace turntable

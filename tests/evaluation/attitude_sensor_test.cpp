@@ -135,6 +135,44 @@ TEST(AttitudeSensor, StatesACovarianceThatItsErrorsHaveUnderUnequalNoise) {
   }
 }
 
+TEST(AttitudeSensor, TellsWhatSpotsRaysAndTargetDoToAMeasurement) {
+  Calibration known = calibration();
+  const Eigen::Index terms = known.irt.coefficients().rows();
+  known.irt.set_covariance(1e-4 * Eigen::MatrixXd::Identity(2 * terms, 2 * terms));
+  const std::vector<Vector2d> seen = pixels_of({}, distorting_lens());
+  const std::vector<Eigen::Matrix2d> spots = same_for_all(0.0025 * Eigen::Matrix2d::Identity());
+  const AttitudeSensor by_rays(known, target(), default_solver());
+  const MeasuredAttitude got = by_rays.measure(seen, spots);
+  const PoseUncertainty all = by_rays.uncertainty(seen, spots, got, 0.05);
+  EXPECT_EQ(all.spots, got.covariance);
+  EXPECT_GT(all.rays(0, 0), 0.0);
+  EXPECT_GT(all.target(0, 0), 0.0);
+  EXPECT_EQ(by_rays.uncertainty(seen, spots, got, 0.0).target(0, 0), 0.0);
+  // Nothing is known of the rays of a central model, and nothing of anything without the spots'.
+  const AttitudeSensor by_lens(known, target(), default_solver(), "brown");
+  EXPECT_EQ(by_lens.uncertainty(seen, spots, by_lens.measure(seen, spots), 0.05).rays(0, 0), 0.0);
+  EXPECT_TRUE(std::isnan(by_rays.uncertainty(seen, {}, by_rays.measure(seen), 0.05).total()(0, 0)));
+
+  // The target's part against errors drawn from it.
+  Random random = draws_of_this_test();
+  constexpr int kDraws = 400;
+  double nees = 0.0;
+  for (int k = 0; k < kDraws; ++k) {
+    std::vector<Vector3d> points;
+    for (int t = 0; t < target().size(); ++t)
+      points.push_back(target().points().col(t) +
+                       0.05 * Vector3d(random.normal(), random.normal(), random.normal()));
+    const TargetModel real(points);
+    Pose pose;  // of the real M0, which is beside the drawn one
+    const MeasuredAttitude off = by_rays.measure(pixels_of(pose, distorting_lens(), real), spots);
+    Eigen::Matrix<double, 6, 1> error;
+    error << vector_from_rotation(pose.R * off.R_plane_from_target.transpose()),
+        pose.at - off.position_mm;
+    nees += error.dot(all.target.llt().solve(error));
+  }
+  EXPECT_NEAR(nees / kDraws, 6.0, 4.0 * std::sqrt(12.0 / kDraws));
+}
+
 TEST(AttitudeSensor, StatesNoCovarianceIfTheSpotsStateNone) {
   const AttitudeSensor sensor(calibration(), target(), default_solver());
   const MeasuredAttitude got = sensor.measure(pixels_of({}, distorting_lens()));
