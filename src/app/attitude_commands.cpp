@@ -2,11 +2,12 @@
 // from a camera or a folder while it fills (track).
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <sys/stat.h>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cmath>
+#include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -212,8 +213,7 @@ std::vector<std::string> columns(const std::string& first, std::string_view resi
           "left_out"};
 }
 
-template <class Vector>
-void add_numbers(Csv& csv, const Vector& values, int decimals) {
+void add_numbers(Csv& csv, const Eigen::Ref<const Eigen::VectorXd>& values, int decimals) {
   for (Eigen::Index i = 0; i < values.size(); ++i) csv.number(values(i), decimals);
 }
 
@@ -236,48 +236,53 @@ void add_cells(Csv& csv, const Line& line) {
   csv.text(fmt::format("{}", fmt::join(points_left_out(a), " ")));
 }
 
-template <class Vector>
-Json numbers(const Vector& values) {
-  if (!values.allFinite() && values.array().isNaN().all()) return nullptr;
+/// Null if there is none of them; NaN becomes null.
+Json numbers(const Eigen::Ref<const Eigen::VectorXd>& values) {
+  if (values.size() == 0 || values.array().isNaN().all()) return nullptr;
   Json out = Json::array();
-  for (Eigen::Index i = 0; i < values.size(); ++i) out.push_back(values(i));  // NaN becomes null
+  for (Eigen::Index i = 0; i < values.size(); ++i) out.push_back(values(i));
   return out;
 }
 
 Json json_of(const std::string& first, const Line& line, std::string_view residual_unit) {
   const MeasuredAttitude& a = line.measurement.attitude;
   const Shown s = shown(line.measurement);
-  Json json{{first, line.name},
-            {"status", line.measurement.status},
-            {"rotation_vector_deg", numbers(s.vector_deg)},
-            {"quaternion_wxyz", numbers(s.quaternion)},
-            {"yaw_roll_pitch_deg", numbers(s.yaw_roll_pitch_deg)},
-            {"position_mm", numbers(a.position_mm)},
-            {"std_rotation_deg", numbers(s.std_deg)},
-            {"std_position_mm", numbers(s.std_mm)},
-            {"covariance_rad_mm", nullptr},
-            {"chi2", a.chi2},
-            {"residual", a.residual},
-            {"residual_unit", residual_unit},
-            {"iterations", a.iterations},
-            {"in_domain", nullptr},
-            {"spot_of_point", line.measurement.spot_of_point},
-            {"left_out", points_left_out(a)}};
+  Json json;
+  json[first] = line.name;
+  json["status"] = line.measurement.status;
+  json["rotation_vector_deg"] = numbers(s.vector_deg);
+  json["quaternion_wxyz"] = numbers(s.quaternion);
+  json["yaw_roll_pitch_deg"] = numbers(s.yaw_roll_pitch_deg);
+  json["position_mm"] = numbers(a.position_mm);
+  json["std_rotation_deg"] = numbers(s.std_deg);
+  json["std_position_mm"] = numbers(s.std_mm);
+  json["covariance_rad_mm"] = nullptr;
+  json["chi2"] = a.chi2;
+  json["residual"] = a.residual;
+  json["residual_unit"] = residual_unit;
+  json["iterations"] = a.iterations;
+  json["in_domain"] = nullptr;
+  json["spot_of_point"] = line.measurement.spot_of_point;
+  json["left_out"] = points_left_out(a);
   const PoseUncertainty& u = line.measurement.uncertainty;
   const Matrix6d total = u.total();
   if (!total.array().isNaN().all()) {
     json["covariance_rad_mm"] = Json::array();
-    for (int i = 0; i < 6; ++i) json["covariance_rad_mm"].push_back(numbers(total.row(i).eval()));
-    for (const auto& [source, part] :
-         {std::pair{"spots", &u.spots}, {"rays", &u.rays}, {"target", &u.target}})
-      json["std_by_source"][source] = {{"rotation_deg", numbers(std_deg(*part))},
-                                       {"position_mm", numbers(std_mm(*part))}};
+    for (int i = 0; i < 6; ++i) json["covariance_rad_mm"].push_back(numbers(total.col(i)));
+    const auto add_part = [&json](const char* source, const Matrix6d& part) {
+      json["std_by_source"][source]["rotation_deg"] = numbers(std_deg(part));
+      json["std_by_source"][source]["position_mm"] = numbers(std_mm(part));
+    };
+    add_part("spots", u.spots);
+    add_part("rays", u.rays);
+    add_part("target", u.target);
   }
   if (!line.measurement.spot_of_point.empty()) json["in_domain"] = a.in_domain;
-  if (a.rival)
-    json["rival"] = {{"quaternion_wxyz", numbers(quaternion_of(a.rival->R))},
-                     {"position_mm", numbers(a.rival->position_mm)},
-                     {"residual", a.rival->residual}};
+  if (a.rival) {
+    json["rival"]["quaternion_wxyz"] = numbers(quaternion_of(a.rival->R));
+    json["rival"]["position_mm"] = numbers(a.rival->position_mm);
+    json["rival"]["residual"] = a.rival->residual;
+  }
   return json;
 }
 
@@ -298,11 +303,12 @@ int put(const AttitudeArguments& a, const Instrument& instrument, const std::str
   const std::string_view unit = instrument.sensor().residual_unit();
   std::string text;
   if (a.format == "json") {
-    Json json{{"solver", instrument.sensor().solver().name},
-              {"camera", a.camera.empty() ? Json(nullptr) : Json(a.camera)},
-              {"calibration", a.calibration.string()},
-              {"target", a.target.string()},
-              {"attitudes", Json::array()}};
+    Json json;
+    json["solver"] = instrument.sensor().solver().name;
+    if (!a.camera.empty()) json["camera"] = a.camera;
+    json["calibration"] = a.calibration.string();
+    json["target"] = a.target.string();
+    json["attitudes"] = Json::array();
     for (const Line& line : lines) json["attitudes"].push_back(json_of(first, line, unit));
     text = json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
   } else {
@@ -509,9 +515,12 @@ double quantile(std::vector<double> values, double share) {
   return values[static_cast<std::size_t>(k)];
 }
 
+/// Nothing at the end, or when interrupted.
+using FrameSource = std::function<std::optional<NextFrame>()>;
+
 /// Follows the target from frame to frame. @return exit code.
-template <class Source>
-int track(const Instrument& instrument, Source& source, int frames, double electrons_per_grey) {
+int track(const Instrument& instrument, const FrameSource& next, int frames,
+          double electrons_per_grey) {
   std::vector<std::string> header = columns("frame", instrument.sensor().residual_unit());
   header.insert(header.begin(), "time_utc");
   header.push_back("latency_ms");
@@ -524,7 +533,7 @@ int track(const Instrument& instrument, Source& source, int frames, double elect
   bool heard = std::fflush(stdout) == 0;
   const auto start = SteadyClock::now();
   while (heard && (frames == 0 || taken < frames)) {
-    const std::optional<NextFrame> frame = source.next();
+    const std::optional<NextFrame> frame = next();
     if (!frame) break;
     ++taken;
     Line line{frame->name, {}};
@@ -660,7 +669,8 @@ int track_command(const TrackArguments& a) {
   std::error_code error;
   if (fs::is_directory(a.source, error)) {
     FolderSource source(instrument, a.source, a.follow);
-    return track(instrument, source, a.frames, a.electrons_per_grey);
+    return track(
+        instrument, [&] { return source.next(); }, a.frames, a.electrons_per_grey);
   }
   if (a.follow) throw ConfigError("--follow", "", "goes with a folder of images. Remove it.");
   if (is_image_name(a.source))
@@ -673,8 +683,9 @@ int track_command(const TrackArguments& a) {
     throw ConfigError(rig.file, "/camera/image_size_px",
                       complaint + ". Calibrate at the camera's size.");
   TriggeredSource source(instrument, rig);
-  return track(instrument, source, a.frames,
-               a.electrons_per_grey > 0.0 ? a.electrons_per_grey : rig.camera.electrons_per_grey);
+  return track(
+      instrument, [&] { return source.next(); }, a.frames,
+      a.electrons_per_grey > 0.0 ? a.electrons_per_grey : rig.camera.electrons_per_grey);
 }
 
 }  // namespace turntable
