@@ -218,9 +218,9 @@ int main(int argc, char** argv) {
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   study_verb
-      ->add_option(
-          "--solver", study.solvers,
-          "solvers to study (default: all that differ without distortion): " + solver_names)
+      ->add_option("--solver", study.solvers,
+                   "solvers to study, named as for evaluate (default: all but those on raw pixels, "
+                   "which equal the undistorted ones here)")
       ->delimiter(',');
   study_verb->add_option(
       "--out", study.out,

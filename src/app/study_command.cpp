@@ -16,11 +16,13 @@ namespace {
 std::vector<const Solver*> studied_solvers(const std::vector<std::string>& names) {
   std::vector<const Solver*> solvers;
   for (const std::string& name : names) {
+    if (name == "all") return study_solvers();
     const Solver* solver = find_solver(name);
     if (solver == nullptr) {
       std::string known;
       for (const Solver& s : kSolvers) known += (known.empty() ? "" : ", ") + std::string(s.name);
-      throw ConfigError("--solver", "", fmt::format("found \"{}\", allowed: {}.", name, known));
+      throw ConfigError("--solver", "",
+                        fmt::format("found \"{}\", allowed: all, {}.", name, known));
     }
     if (std::ranges::find(solvers, solver) == solvers.end()) solvers.push_back(solver);
   }

@@ -12,9 +12,7 @@ namespace turntable::problems {
 
 /// The target of scenarios/rigs/simulated.json: three of its LEDs stand within 0.1 deg and 0.1 mm
 /// of a triangle that a third of a turn takes to itself.
-inline std::vector<Vector3d> rig_target() {
-  return default_target();
-}
+inline std::vector<Vector3d> rig_target() { return default_target(); }
 
 /// n points on 60 mm, 40 mm deep, 10 mm from each other at least.
 inline std::vector<Vector3d> spaced_target(Random& random, int n) {
