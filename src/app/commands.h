@@ -2,6 +2,7 @@
 // turns into one.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -85,6 +86,15 @@ struct TrackArguments : AttitudeArguments {
   bool follow = false;           ///< wait for new images in the folder
 };
 int track_command(const TrackArguments& a);
+
+struct StudyArguments {
+  std::filesystem::path target, out;
+  std::vector<std::string> solvers;
+  std::size_t poses = 10000;
+  std::uint64_t seed = 1;
+  double focal_px = 1945.0, distance_mm = 550.0;
+};
+int study_command(const StudyArguments& a);
 
 // ---- the rig by hand (rig_commands.cpp)
 

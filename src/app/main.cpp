@@ -198,6 +198,38 @@ int main(int argc, char** argv) {
   report_verb->footer("Example:\n  turntable report results/runs/20260131T120000Z-quick");
   report_verb->callback([&] { code = guarded([&] { return report_command(reports); }); });
 
+  StudyArguments study;
+  auto* study_verb = app.add_subcommand(
+      "study", "How good the solvers are for a target and a camera, on synthetic points; no rig");
+  study_verb->add_option("--target", study.target,
+                         "rig file whose target is studied (default: the published target, and two "
+                         "more to compare with)");
+  study_verb->add_option("--focal", study.focal_px, "focal length, px")
+      ->check(CLI::Range(10.0, 1e6))
+      ->capture_default_str();
+  study_verb->add_option("--distance", study.distance_mm, "camera to target, mm")
+      ->check(CLI::Range(1.0, 1e6))
+      ->capture_default_str();
+  study_verb->add_option("--poses", study.poses, "per row of the noise study")
+      ->check(CLI::Range(40, 1000000))
+      ->capture_default_str();
+  study_verb->add_option("--seed", study.seed, "of poses and noise")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  study_verb
+      ->add_option("--solver", study.solvers,
+                   "solvers to study, named as for evaluate (default: all but those on raw pixels, "
+                   "which equal the undistorted ones here)")
+      ->delimiter(',');
+  study_verb->add_option(
+      "--out", study.out,
+      "folder for study.md, tables, figures (default: results/studies/<target>)");
+  study_verb->footer(
+      "Examples:\n  turntable study\n"
+      "  turntable study --target scenarios/rigs/lab_example.json --distance 800 --poses 2000\n"
+      "  turntable study --solver ml_ray,aopit_ray --seed 7 --out results/studies/two");
+  study_verb->callback([&] { code = guarded([&] { return study_command(study); }); });
+
   DevicesArguments devices;
   auto* devices_verb = app.add_subcommand(
       "devices", "List serial ports, what answers there without moving it, and cameras");

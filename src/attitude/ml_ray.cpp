@@ -221,7 +221,9 @@ Solution solve_ml_ray(const TargetModel& target, const Observation& observation,
   std::array<Normal, 2> normals;
   for (std::size_t c = 0; c < static_cast<std::size_t>(start.count); ++c) {
     ends[c].pose = start.poses[c];
-    ends[c].status = refinement.refine(ends[c].pose, normals[c], options, solution.iterations);
+    int passes = start.iterations;  // a start has max_iterations of its own
+    ends[c].status = refinement.refine(ends[c].pose, normals[c], options, passes);
+    solution.iterations += passes - start.iterations;
     ends[c].misfit = normals[c].chi2;
   }
   const Ranking ranking =

@@ -20,8 +20,10 @@ RayStart planar_start(const TargetModel& target, const Observation& observation)
   if (!make_bundle(target, observation, bundle)) return start;
   const TargetModel::Columns& H = target.pseudo_inverse();
   Vector3d I = Vector3d::Zero(), J = Vector3d::Zero(), I1 = I, J1 = J;
+  const Vector3d& n = target.normal();
   for (int t = 0; t < bundle.count; ++t) {
-    const auto h = H.col(t);
+    // Of a flat target too what its plane alone tells: (1 - n n^T) H is the rank-2 pseudo-inverse.
+    const Vector3d h = H.col(t) - n.dot(H.col(t)) * n;
     const Vector2d d = bundle.d_a[static_cast<std::size_t>(t)];
     const Vector2d opening = bundle.g[static_cast<std::size_t>(t)] - bundle.g_0;
     I += h * d.x();
@@ -40,7 +42,6 @@ RayStart planar_start(const TargetModel& target, const Observation& observation)
   const double distance = parallel ? 0.0 : -(I.dot(I1) + J.dot(J1)) / slopes;
   const double w = parallel ? 0.0 : distance * (1.0 - 1.0 / s);
 
-  const Vector3d& n = target.normal();
   const double alpha = std::sqrt(std::max(0.0, 1.0 - II / s2));
   const double beta = std::copysign(std::sqrt(std::max(0.0, 1.0 - JJ / s2)), -IJ);
   for (const double sign : {1.0, -1.0}) {
@@ -69,8 +70,17 @@ RayStart start_on_rays(const TargetModel& target, const Observation& observation
       start = {SolveStatus::kNotConverged, 0, {}, 0};
     return start;
   }
-  const Solution s = solve_aopit_ray(target, observation, {tolerance_mm, max_iterations});
+  // On flat targets the iteration creeps, swings between two ends or runs away.
+  const bool flat = target.thickness() < 0.15;
+  constexpr int kFlatPasses = 50;
+  const int passes = flat ? std::min(max_iterations, kFlatPasses) : max_iterations;
+  const Solution s = solve_aopit_ray(target, observation, {tolerance_mm, passes});
   RayStart start;
+  if (flat && !s.has_attitude() && max_iterations > kFlatPasses) {
+    start = planar_start(target, observation);
+    start.iterations += s.iterations;
+    return start;
+  }
   start.status = s.status;
   start.iterations = s.iterations;
   if (!s.has_attitude()) return start;

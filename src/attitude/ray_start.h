@@ -1,5 +1,6 @@
 // Where refinements on rays start from.
-//   points in space    the pose of aopit_ray, one
+//   points in space    the pose of aopit_ray, one; where that does not converge and the target is flat
+//                      (thickness below 0.15), as if its points lay in the plane that fits them:
 //   points in a plane  scaled orthography along the rays, two: with H of rank 2 the rows are known but
 //                      for their parts along the plane's normal n,
 //                        i = I + alpha n,  j = J + beta n,  alpha^2 = 1 - |I|^2,  beta^2 = 1 - |J|^2,
@@ -11,7 +12,8 @@
 //   d   -> bundle.d_a, 2-vectors from M0's ray on plane a, mm
 //   s   -> separation on plane a over that at M0's height, 1; from it and the opening of the bundle,
 //          its height
-// Domain: as aopit_ray; planes not seen edge-on. A start need not be near: the refinement decides.
+// Of a flat target (1 - n n^T) H stands for H. Domain: as aopit_ray; planes not seen edge-on. A start need
+// not be near: the refinement decides.
 #pragma once
 
 #include <array>
