@@ -201,9 +201,10 @@ int main(int argc, char** argv) {
   StudyArguments study;
   auto* study_verb = app.add_subcommand(
       "study", "How good the solvers are for a target and a camera, on synthetic points; no rig");
-  study_verb->add_option("--target", study.target,
-                         "rig file whose target is studied (default: the published target, and two "
-                         "more to compare with)");
+  study_verb->add_option(
+      "--target", study.target,
+      "target file, or rig file whose target is studied (default: the published target, and two "
+      "more to compare with)");
   study_verb->add_option("--focal", study.focal_px, "focal length, px")
       ->check(CLI::Range(10.0, 1e6))
       ->capture_default_str();
