@@ -90,7 +90,7 @@ TEST(Study, RefusesWhatItCannotStudyAndWritesNothing) {
            {"--target scenarios/uniaxial_z.json", {"uniaxial_z.json", "/format", "scenario"}},
            {"--poses 0", {"--poses"}},
            {"--poses many", {"--poses"}},
-           {"--seed -1", {"--seed", "[0 - 9007199254740991]"}},
+           {"--seed -1", {"--seed", "0 to 9007199254740991"}},
            {"--image-size 1920", {"--image-size"}},
            {"--image-size 1920,0", {"--image-size"}},
            {"--focal 0", {"--focal"}},
