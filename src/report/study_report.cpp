@@ -365,8 +365,9 @@ std::string epnp_text(const StudyOptions& options) {
       "*opencv_epnp*: EPnP (Lepetit, Moreno-Noguer and Fua 2009) finds its four control points in "
       "the kernel of a matrix with two rows per point and twelve columns. {} points leave that "
       "kernel at least {} dimensions, where OpenCV's approximations of the weights are poor and a "
-      "few Gauss-Newton steps do not mend them: the answer is wrong by degrees without any noise. "
-      "It is made for six points and more; with so few, take it for a start at most.\n\n",
+      "few Gauss-Newton steps do not mend them: answers are often wrong by degrees, even without "
+      "noise. Six points and more leave no such freedom; with so few, take it for a start at "
+      "most.\n\n",
       options.target_mm.size(), 12 - 2 * options.target_mm.size());
 }
 
