@@ -152,7 +152,7 @@ const Solver* find_solver(std::string_view name);
 const Solver& default_solver();
 
 /// Many sightings of one target on all cores; `solutions[i]` belongs to `observations[i]`.
-void solve_all(const Solver& solver, const TargetModel& target,
+void solve_all(const Solver& solver, const SolveOptions& options, const TargetModel& target,
                std::span<const Observation> observations, std::span<Solution> solutions);
 
 }  // namespace turntable
