@@ -96,11 +96,12 @@ TEST(MeasureSpots, SaysWhyThereIsNoAttitude) {
   SpotList spots = spots_of(leds(), kTurned, kPlace);
   SpotList moved = spots;
   moved.centres_px[1] += Vector2d(15, -20);
-  EXPECT_EQ(measure_spots(sensor, moved).status, "no target");
+  EXPECT_EQ(measure_spots(sensor, moved).status, "no_target");
   spots.centres_px.pop_back();
   spots.sigmas_px.pop_back();
   const TargetMeasurement few = measure_spots(sensor, spots);
-  EXPECT_EQ(few.status, "too few spots: 3 of 4");
+  EXPECT_EQ(few.status, "too_few_spots");
+  EXPECT_EQ(few.message, "3 of 4");
   EXPECT_FALSE(few.attitude.has_attitude());
   EXPECT_TRUE(few.spot_of_point.empty());
 
@@ -109,7 +110,7 @@ TEST(MeasureSpots, SaysWhyThereIsNoAttitude) {
   const AttitudeSensor of_corner(pinhole(), corner, default_solver());
   const TargetMeasurement one_of_three =
       measure_spots(of_corner, spots_of(corner, kTurned, kPlace));
-  EXPECT_EQ(one_of_three.status, "ambiguous spots");
+  EXPECT_EQ(one_of_three.status, "ambiguous_spots");
   EXPECT_FALSE(one_of_three.attitude.has_attitude());
 }
 
