@@ -70,6 +70,10 @@ class Instrument {
           fmt::format("found a target of {} points, allowed: more than four, so that one may be "
                       "left out. Remove it.",
                       target_.size()));
+    // Rays through one centre fit a target of any size, so that no test of fit can tell.
+    if (target_.radius_mm() < 1.0)
+      spdlog::warn("{}: the target spans {:.3g} mm only. Its points are in mm, not in metres.",
+                   file_.file, target_.radius_mm());
     if (solver_.name == "opencv_epnp" && target_.size() == 4)
       spdlog::warn("opencv_epnp is made for five points and more; this target has four.");
   }
@@ -186,7 +190,7 @@ int make_lines(std::vector<AttitudeLine>& lines, std::string_view what,
         ++kept;
       }
     lines.resize(kept);
-    spdlog::warn("interrupted: {} of {} {} are done and written.", kept, count, what);
+    spdlog::warn("interrupted: {} of {} {} are done.", kept, count, what);
     return kInterrupted;
   }
   return kDone;

@@ -55,7 +55,8 @@ void solve_matched(const AttitudeSensor& sensor, const SpotList& spots,
   }
   if (covariances.size() != points.size()) covariances.clear();
   out.attitude = sensor.measure(points, covariances);
-  out.fit = sensor.judge(points, covariances, out.attitude, target_uncertainty_mm);
+  const UncertaintySources stated = sensor.sources(points, target_uncertainty_mm);
+  out.fit = sensor.judge(points, covariances, out.attitude, stated);
   if (out.fit.misfit() > kMaxMisfit) {
     MeasuredAttitude none;
     none.status = SolveStatus::kDoesNotFit;
@@ -66,7 +67,7 @@ void solve_matched(const AttitudeSensor& sensor, const SpotList& spots,
     none.left_out = out.attitude.left_out;
     out.attitude = none;
   }
-  out.uncertainty = sensor.uncertainty(points, covariances, out.attitude, target_uncertainty_mm);
+  out.uncertainty = sensor.uncertainty(points, covariances, out.attitude, stated);
   out.status = status_name(out.attitude.status);
 }
 
