@@ -72,8 +72,10 @@ class Instrument {
                       target_.size()));
     // Rays through one centre fit a target of any size, so that no test of fit can tell.
     if (target_.radius_mm() < 1.0)
-      spdlog::warn("{}: the target spans {:.3g} mm only. Its points are in mm, not in metres.",
-                   file_.file, target_.radius_mm());
+      spdlog::warn(
+          "{}: its points reach {:.2g} mm only. They are taken as mm: check that they are not "
+          "metres.",
+          file_.file, target_.radius_mm());
     if (solver_.name == "opencv_epnp" && target_.size() == 4)
       spdlog::warn("opencv_epnp is made for five points and more; this target has four.");
   }
