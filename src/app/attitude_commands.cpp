@@ -2,17 +2,20 @@
 // from a camera or a folder while it fills (track).
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cmath>
 #include <functional>
+#include <iostream>
+#include <iterator>
 #include <map>
-#include <nlohmann/json.hpp>
 #include <set>
 #include <thread>
 
+#include "src/app/attitude_output.h"
 #include "src/app/commands.h"
 #include "src/app/open_rig.h"
 #include "src/app/progress.h"
@@ -23,9 +26,6 @@
 #include "src/core/target_file.h"
 #include "src/core/units.h"
 #include "src/evaluation/measure_spots.h"
-#include "src/geometry/gimbal.h"
-#include "src/record/atomic_file.h"
-#include "src/record/csv.h"
 #include "src/record/image_import.h"
 #include "src/record/number_table.h"
 
@@ -35,14 +35,16 @@ namespace {
 namespace fs = std::filesystem;
 using SteadyClock = std::chrono::steady_clock;
 
-const Gimbal& default_gimbal() {
-  static const Gimbal gimbal([] {
-    GimbalConfig config;  // by order of yaw, roll, pitch
-    config.axes = {Vector3d::UnitZ(), Vector3d::UnitY(), Vector3d::UnitX()};
-    return config;
-  }());
-  return gimbal;
-}
+/// Why there is nothing to measure.
+struct Complaint {
+  std::string status, message;
+
+  bool empty() const { return status.empty(); }
+  void to(TargetMeasurement& measurement) const {
+    measurement.status = status;
+    measurement.message = message;
+  }
+};
 
 /// Camera, target and solver as the command line names them, checked as a whole.
 class Instrument {
@@ -55,7 +57,7 @@ class Instrument {
         sensor_(calibration_, target_, solver_, a.camera, a.robust) {
     search_.target_uncertainty_mm = file_.uncertainty_mm;
     search_.R_near = near_of(a);
-    search_.max_turn_rad = rad_from_deg(a.within_deg);
+    search_.max_turn_rad = rad_from_deg(a.within_deg.value_or(180.0));
     if (a.robust && &solver_ != &default_solver())
       throw ConfigError(
           "--robust", "",
@@ -68,6 +70,14 @@ class Instrument {
           fmt::format("found a target of {} points, allowed: more than four, so that one may be "
                       "left out. Remove it.",
                       target_.size()));
+    // Rays through one centre fit a target of any size, so that no test of fit can tell.
+    if (target_.radius_mm() < 1.0)
+      spdlog::warn(
+          "{}: its points reach {:.2g} mm only. They are taken as mm: check that they are not "
+          "metres.",
+          file_.file, target_.radius_mm());
+    if (solver_.name == "opencv_epnp" && target_.size() == 4)
+      spdlog::warn("opencv_epnp is made for five points and more; this target has four.");
   }
   Instrument(const Instrument&) = delete;
   Instrument& operator=(const Instrument&) = delete;
@@ -93,11 +103,23 @@ class Instrument {
     return measure_named_spots(sensor_, spots, file_.uncertainty_mm);
   }
 
-  /// What the verb prints of an image that cannot be measured; empty if it can.
-  std::string size_complaint(ImageSize size) const {
+  /// Of an image that cannot be measured; empty if it can.
+  Complaint size_complaint(ImageSize size) const {
     if (size == image_size()) return {};
-    return fmt::format("wrong size: {} x {} px instead of {} x {} px as calibrated", size.width,
-                       size.height, image_size().width, image_size().height);
+    return {"wrong_size", fmt::format("{} x {} px instead of {} x {} px as calibrated", size.width,
+                                      size.height, image_size().width, image_size().height)};
+  }
+
+  /// What std_* do not count is said once, before the work.
+  void say_what_std_lacks() const {
+    if (&sensor_.solver() != &default_solver()) return;  // the others state none
+    std::vector<std::string> lacks;
+    if (!sensor_.states_rays())
+      lacks.push_back(fmt::format("rays ({} states no covariance of them)", calibration_.source));
+    if (!(file_.uncertainty_mm > 0.0))
+      lacks.push_back(fmt::format("target ({} states no uncertainty_mm)", file_.file));
+    if (!lacks.empty())
+      spdlog::info("std_* do not count the uncertainty of: {}.", fmt::join(lacks, ", "));
   }
 
  private:
@@ -110,12 +132,22 @@ class Instrument {
                       fmt::format("found \"{}\", allowed: {}.", a.solver, fmt::join(known, ", ")));
   }
   static Matrix3d near_of(const AttitudeArguments& a) {
+    if (a.within_deg && !(*a.within_deg > 0.0 && *a.within_deg <= 180.0))
+      throw ConfigError(
+          "--within", "",
+          fmt::format("found {}, allowed: above 0, at most 180, deg.", *a.within_deg));
     if (a.near_deg.empty()) return Matrix3d::Identity();
     if (a.near_deg.size() != 3)
       throw ConfigError("--near", "",
                         fmt::format("found {} angles, allowed: yaw, roll and pitch, deg, separated "
                                     "by commas.",
                                     a.near_deg.size()));
+    for (const double angle : a.near_deg)
+      if (!(std::abs(angle) <= 360.0))
+        throw ConfigError("--near", "", fmt::format("found {}, allowed: -360 to 360, deg.", angle));
+    if (!a.within_deg)
+      throw ConfigError("--near", "",
+                        "means nothing without --within: say how far from there to look.");
     return default_gimbal().rotation(
         {rad_from_deg(a.near_deg[0]), rad_from_deg(a.near_deg[1]), rad_from_deg(a.near_deg[2])});
   }
@@ -138,194 +170,39 @@ class Instrument {
   TargetSearch search_;
 };
 
-// ---- what is printed
-
-/// An attitude as numbers for people; NaN where there is none.
-struct Shown {
-  Vector3d vector_deg = Vector3d::Constant(NAN);
-  Eigen::Vector4d quaternion = Eigen::Vector4d::Constant(NAN);  ///< w x y z, w >= 0
-  Vector3d yaw_roll_pitch_deg = Vector3d::Constant(NAN);
-  Vector3d std_deg = Vector3d::Constant(NAN), std_mm = Vector3d::Constant(NAN);
-};
-
-Eigen::Vector4d quaternion_of(const Matrix3d& R) {
-  const Eigen::Quaterniond q(R);
-  return (q.w() < 0.0 ? -1.0 : 1.0) * Eigen::Vector4d(q.w(), q.x(), q.y(), q.z());
-}
-
-/// Standard uncertainties: about x, y, z, deg; and along them, mm.
-Vector3d std_deg(const Matrix6d& covariance) {
-  return deg_from_rad(1.0) * covariance.diagonal().head<3>().cwiseSqrt();
-}
-Vector3d std_mm(const Matrix6d& covariance) { return covariance.diagonal().tail<3>().cwiseSqrt(); }
-
-Shown shown(const TargetMeasurement& m) {
-  Shown out;
-  const Matrix3d& R = m.attitude.R_plane_from_target;
-  if (!R.allFinite()) return out;
-  out.vector_deg = deg_from_rad(1.0) * vector_from_rotation(R);
-  out.quaternion = quaternion_of(R);
-  const GimbalAngles angles = default_gimbal().angles(R);
-  out.yaw_roll_pitch_deg = deg_from_rad(1.0) * Vector3d(angles.yaw, angles.roll, angles.pitch);
-  out.std_deg = std_deg(m.uncertainty.total());
-  out.std_mm = std_mm(m.uncertainty.total());
-  return out;
-}
-
-std::vector<int> points_left_out(const MeasuredAttitude& a) {
-  std::vector<int> points;
-  for (int t = 0; t < kMaxTargetPoints; ++t)
-    if (a.left_out >> t & 1u) points.push_back(t);
-  return points;
-}
-
-/// One line of output.
-struct Line {
-  std::string name;  ///< of the frame or file
-  TargetMeasurement measurement;
-};
-
-std::vector<std::string> columns(const std::string& first, std::string_view residual_unit) {
-  return {first,
-          "status",
-          "rx_deg",
-          "ry_deg",
-          "rz_deg",
-          "qw",
-          "qx",
-          "qy",
-          "qz",
-          "yaw_deg",
-          "roll_deg",
-          "pitch_deg",
-          "x_mm",
-          "y_mm",
-          "z_mm",
-          "std_rx_deg",
-          "std_ry_deg",
-          "std_rz_deg",
-          "std_x_mm",
-          "std_y_mm",
-          "std_z_mm",
-          "chi2",
-          fmt::format("residual_{}", residual_unit),
-          "in_domain",
-          "left_out"};
-}
-
-void add_numbers(Csv& csv, const Eigen::Ref<const Eigen::VectorXd>& values, int decimals) {
-  for (Eigen::Index i = 0; i < values.size(); ++i) csv.number(values(i), decimals);
-}
-
-/// The cells of a line, without its end.
-void add_cells(Csv& csv, const Line& line) {
-  const MeasuredAttitude& a = line.measurement.attitude;
-  const Shown s = shown(line.measurement);
-  csv.text(line.name).text(line.measurement.status);
-  add_numbers(csv, s.vector_deg, 6);
-  add_numbers(csv, s.quaternion, 9);
-  add_numbers(csv, s.yaw_roll_pitch_deg, 6);
-  add_numbers(csv, a.position_mm, 5);
-  add_numbers(csv, s.std_deg, 6);
-  add_numbers(csv, s.std_mm, 5);
-  csv.number(a.chi2, 4).number(a.residual, 6);
-  if (line.measurement.spot_of_point.empty())
-    csv.empty();
-  else
-    csv.integer(a.in_domain);
-  csv.text(fmt::format("{}", fmt::join(points_left_out(a), " ")));
-}
-
-/// Null if there is none of them; NaN becomes null.
-Json numbers(const Eigen::Ref<const Eigen::VectorXd>& values) {
-  if (values.size() == 0 || values.array().isNaN().all()) return nullptr;
-  Json out = Json::array();
-  for (Eigen::Index i = 0; i < values.size(); ++i) out.push_back(values(i));
-  return out;
-}
-
-Json json_of(const std::string& first, const Line& line, std::string_view residual_unit) {
-  const MeasuredAttitude& a = line.measurement.attitude;
-  const Shown s = shown(line.measurement);
-  Json json;
-  json[first] = line.name;
-  json["status"] = line.measurement.status;
-  json["rotation_vector_deg"] = numbers(s.vector_deg);
-  json["quaternion_wxyz"] = numbers(s.quaternion);
-  json["yaw_roll_pitch_deg"] = numbers(s.yaw_roll_pitch_deg);
-  json["position_mm"] = numbers(a.position_mm);
-  json["std_rotation_deg"] = numbers(s.std_deg);
-  json["std_position_mm"] = numbers(s.std_mm);
-  json["covariance_rad_mm"] = nullptr;
-  json["chi2"] = a.chi2;
-  json["residual"] = a.residual;
-  json["residual_unit"] = residual_unit;
-  json["iterations"] = a.iterations;
-  json["in_domain"] = nullptr;
-  json["spot_of_point"] = line.measurement.spot_of_point;
-  json["left_out"] = points_left_out(a);
-  const PoseUncertainty& u = line.measurement.uncertainty;
-  const Matrix6d total = u.total();
-  if (!total.array().isNaN().all()) {
-    json["covariance_rad_mm"] = Json::array();
-    for (int i = 0; i < 6; ++i) json["covariance_rad_mm"].push_back(numbers(total.col(i)));
-    const auto add_part = [&json](const char* source, const Matrix6d& part) {
-      json["std_by_source"][source]["rotation_deg"] = numbers(std_deg(part));
-      json["std_by_source"][source]["position_mm"] = numbers(std_mm(part));
-    };
-    add_part("spots", u.spots);
-    add_part("rays", u.rays);
-    add_part("target", u.target);
+/// Lines on all cores. Ctrl-C ends the work, and the lines that are done stay, in their order.
+/// @return exit code so far: kInterrupted or kDone.
+int make_lines(std::vector<AttitudeLine>& lines, std::string_view what,
+               const std::function<void(std::size_t)>& make) {
+  const std::size_t count = lines.size();
+  std::vector<char> made(count, 0);
+  try {
+    ProgressLine progress("measuring");
+    std::atomic<std::size_t> done{0};
+    parallel_for(count, [&](std::size_t i) {
+      make(i);
+      made[i] = 1;
+      progress.update(++done, count, what);
+    });
+  } catch (const Interrupted&) {
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < count; ++i)
+      if (made[i] != 0) {
+        if (kept != i) lines[kept] = std::move(lines[i]);
+        ++kept;
+      }
+    lines.resize(kept);
+    spdlog::warn("interrupted: {} of {} {} are done.", kept, count, what);
+    return kInterrupted;
   }
-  if (!line.measurement.spot_of_point.empty()) json["in_domain"] = a.in_domain;
-  if (a.rival) {
-    json["rival"]["quaternion_wxyz"] = numbers(quaternion_of(a.rival->R));
-    json["rival"]["position_mm"] = numbers(a.rival->position_mm);
-    json["rival"]["residual"] = a.rival->residual;
-  }
-  return json;
+  return kDone;
 }
 
-/// Checked before the work.
-void check_out(const AttitudeArguments& a) {
-  if (a.out.empty()) return;
-  std::error_code error;
-  if (fs::is_directory(a.out, error))
-    throw ConfigError(a.out.string(), "", "is a folder, allowed: a file (--out).");
-  const fs::path folder = fs::absolute(a.out, error).parent_path();
-  if (!fs::is_directory(folder, error))
-    throw ConfigError(folder.string(), "", "is no folder. Make it, or choose another --out.");
-}
-
-/// Prints or writes all lines. @return exit code.
 int put(const AttitudeArguments& a, const Instrument& instrument, const std::string& first,
-        const std::vector<Line>& lines) {
-  const std::string_view unit = instrument.sensor().residual_unit();
-  std::string text;
-  if (a.format == "json") {
-    Json json;
-    json["solver"] = instrument.sensor().solver().name;
-    if (!a.camera.empty()) json["camera"] = a.camera;
-    json["calibration"] = a.calibration.string();
-    json["target"] = a.target.string();
-    json["attitudes"] = Json::array();
-    for (const Line& line : lines) json["attitudes"].push_back(json_of(first, line, unit));
-    text = json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
-  } else {
-    Csv csv(columns(first, unit));
-    for (const Line& line : lines) {
-      add_cells(csv, line);
-      csv.end_row();
-    }
-    text = csv.str();
-  }
-  if (a.out.empty())
-    fmt::print("{}", text);
-  else
-    write_atomically(a.out, text);
-  const bool all = std::ranges::all_of(
-      lines, [](const Line& line) { return line.measurement.attitude.has_attitude(); });
-  return all ? kDone : kFailedPoses;
+        std::span<const AttitudeLine> lines, int code) {
+  const int all =
+      put_attitudes(a, instrument.sensor(), instrument.target_file().uncertainty_mm, first, lines);
+  return code == kDone ? all : code;
 }
 
 // ---- solve
@@ -394,7 +271,7 @@ std::vector<fs::path> images_in(const fs::path& folder) {
 /// An image, or why there is none.
 struct Loaded {
   Image image;
-  std::string complaint;
+  Complaint complaint;
 };
 
 Loaded load(const Instrument& instrument, const fs::path& file) {
@@ -403,7 +280,7 @@ Loaded load(const Instrument& instrument, const fs::path& file) {
     out.image = import_image(file);
     out.complaint = instrument.size_complaint(out.image.size());
   } catch (const ConfigError& e) {
-    out.complaint = "unreadable: " + e.message();
+    out.complaint = {"unreadable", e.message()};
   }
   return out;
 }
@@ -497,7 +374,7 @@ class TriggeredSource {
     } catch (const Interrupted&) {
       return std::nullopt;
     } catch (const TimeoutError&) {
-      out.loaded.complaint = "no frame";
+      out.loaded.complaint = {"no_frame", "the camera did not answer in time"};
     }
     return out;
   }
@@ -507,12 +384,12 @@ class TriggeredSource {
   Rig rig_;
 };
 
-/// Of values in ms; NaN of none.
-double quantile(std::vector<double> values, double share) {
-  if (values.empty()) return NAN;
+/// Of values in ms; "-" of none.
+std::string quantile_text(std::vector<double> values, double share) {
+  if (values.empty()) return "-";
   const auto k = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1) + 0.5);
   std::ranges::nth_element(values, values.begin() + k);
-  return values[static_cast<std::size_t>(k)];
+  return fmt::format("{:.3f}", values[static_cast<std::size_t>(k)]);
 }
 
 /// Nothing at the end, or when interrupted.
@@ -521,22 +398,23 @@ using FrameSource = std::function<std::optional<NextFrame>()>;
 /// Follows the target from frame to frame. @return exit code.
 int track(const Instrument& instrument, const FrameSource& next, int frames,
           double electrons_per_grey) {
-  std::vector<std::string> header = columns("frame", instrument.sensor().residual_unit());
+  std::vector<std::string> header = attitude_columns("frame", instrument.sensor().residual_unit());
   header.insert(header.begin(), "time_utc");
   header.push_back("latency_ms");
   const std::size_t header_length = Csv(header).str().size();
-  fmt::print("{}", Csv(header).str());
+  instrument.say_what_std_lacks();
+  bool heard = print_out(Csv(header).str());
 
   std::optional<MeasuredAttitude> last;
   std::vector<double> latencies_ms;
   int taken = 0, lost = 0;
-  bool heard = std::fflush(stdout) == 0;
+  bool hinted = false;
   const auto start = SteadyClock::now();
   while (heard && (frames == 0 || taken < frames)) {
     const std::optional<NextFrame> frame = next();
     if (!frame) break;
     ++taken;
-    Line line{frame->name, {}};
+    AttitudeLine line{frame->name, {}};
     const std::string time = utc_now();
     double latency_ms = NAN;
     if (frame->loaded.complaint.empty()) {
@@ -547,37 +425,48 @@ int track(const Instrument& instrument, const FrameSource& next, int frames,
           std::chrono::duration<double, std::milli>(SteadyClock::now() - in_memory).count();
       latencies_ms.push_back(latency_ms);
     } else {
-      line.measurement.status = frame->loaded.complaint;
+      frame->loaded.complaint.to(line.measurement);
     }
     const MeasuredAttitude& attitude = line.measurement.attitude;
     if (!attitude.has_attitude())
       ++lost;
     else if (attitude.position_mm.allFinite())
       last = attitude;
+    if (attitude.status == SolveStatus::kDoesNotFit && !hinted) {
+      hint_at_misfit();
+      hinted = true;
+    }
     Csv csv(header);
     csv.text(time);
-    add_cells(csv, line);
+    add_attitude_cells(csv, line);
     csv.number(latency_ms, 3).end_row();
-    fmt::print("{}", std::string_view(csv.str()).substr(header_length));
-    heard = std::fflush(stdout) == 0;  // "| head" ends it
+    heard = print_out(std::string_view(csv.str()).substr(header_length));  // "| head" ends it
   }
   const double elapsed = std::chrono::duration<double>(SteadyClock::now() - start).count();
-  fmt::print(stderr,
-             "{} frames, {} lost; latency median {:.3f} ms, p99 {:.3f} ms; {:.1f} frames/s\n",
-             taken, lost, quantile(latencies_ms, 0.5), quantile(latencies_ms, 0.99),
+  fmt::print(stderr, "{} frames, {} lost; latency median {} ms, p99 {} ms; {:.1f} frames/s\n",
+             taken, lost, quantile_text(latencies_ms, 0.5), quantile_text(latencies_ms, 0.99),
              taken / std::max(elapsed, 1e-9));
-  return lost > 0 && interrupt_level() == 0 ? kFailedPoses : kDone;
+  return lost > 0 && heard && interrupt_level() == 0 ? kFailedPoses : kDone;
 }
 
 }  // namespace
 
 int solve_command(const SolveArguments& a) {
   const Instrument instrument(a);
-  check_out(a);
-  const std::string file = a.points.string();
-  const NumberTable table =
-      read_number_table(a.points, {"u_px", "v_px"}, {"frame", "point", "sigma_px"});
+  check_out(a, std::vector{a.points, a.calibration, a.target});
+  const bool piped = a.points == "-";
+  const std::string file = piped ? "standard input" : a.points.string();
+  const NumberTable table = number_table(
+      piped ? std::string(std::istreambuf_iterator<char>(std::cin), {}) : read_text(a.points), file,
+      {"u_px", "v_px"}, {"frame", "point", "sigma_px"});
+  if (!table.unused.empty())
+    spdlog::info("{}: columns that are not used: {}. Known: u_px, v_px, frame, point, sigma_px.",
+                 file, fmt::join(table.unused, ", "));
   const bool named = table.has("point");
+  if (named && (a.within_deg || !a.near_deg.empty()))
+    throw ConfigError(file, "column point",
+                      "tells which spot is which, so that --within and --near mean nothing. "
+                      "Remove them, or the column.");
   if (!named)
     instrument.check_depth("Give the table a column \"point\" (from 0, in the target's order).");
   if (table.has("sigma_px"))
@@ -600,8 +489,9 @@ int solve_command(const SolveArguments& a) {
     for (std::size_t k = 0; k < frames.size(); ++k)
       order[k] = rows_by_point(table, frames[k], instrument.points(), file);
 
-  std::vector<Line> lines(frames.size());
-  parallel_for(frames.size(), [&](std::size_t k) {
+  if (table.has("sigma_px")) instrument.say_what_std_lacks();
+  std::vector<AttitudeLine> lines(frames.size());
+  const int code = make_lines(lines, "frames", [&](std::size_t k) {
     lines[k].name = frames[k].name;
     TargetMeasurement& out = lines[k].measurement;
     SpotList spots;
@@ -616,20 +506,19 @@ int solve_command(const SolveArguments& a) {
     }
     const auto seen = std::ranges::count_if(order[k], [](int row) { return row >= 0; });
     if (seen < instrument.points()) {
-      out.status = fmt::format("too few spots: {} of {}", seen, instrument.points());
+      Complaint{"too_few_spots", fmt::format("{} of {}", seen, instrument.points())}.to(out);
       return;
     }
     for (const int row : order[k]) add(static_cast<std::size_t>(row));
     out = instrument.measure_named(spots);
   });
-  return put(a, instrument, "frame", lines);
+  return put(a, instrument, "frame", lines, code);
 }
 
 int measure_command(const MeasureArguments& a) {
   const Instrument instrument(a);
   instrument.check_depth(
       "Raise one point, or find the spots yourself and use \"turntable solve\".");
-  check_out(a);
   std::vector<fs::path> files;
   for (const fs::path& given : a.images) {
     std::error_code error;
@@ -645,21 +534,20 @@ int measure_command(const MeasureArguments& a) {
                         "holds no images (png, bmp, tif, pgm, ppm, jpg). Name another folder.");
     files.insert(files.end(), inside.begin(), inside.end());
   }
-  std::vector<Line> lines(files.size());
-  {
-    ProgressLine progress("measuring");
-    std::atomic<std::size_t> done{0};
-    parallel_for(files.size(), [&](std::size_t i) {
-      lines[i].name = files[i].string();
-      const Loaded loaded = load(instrument, files[i]);
-      if (loaded.complaint.empty())
-        lines[i].measurement = instrument.measure(spots_in(loaded.image, a.electrons_per_grey));
-      else
-        lines[i].measurement.status = loaded.complaint;
-      progress.update(++done, files.size(), "images");
-    });
-  }
-  return put(a, instrument, "file", lines);
+  std::vector<fs::path> inputs = files;
+  inputs.insert(inputs.end(), {a.calibration, a.target});
+  check_out(a, inputs);
+  instrument.say_what_std_lacks();
+  std::vector<AttitudeLine> lines(files.size());
+  const int code = make_lines(lines, "images", [&](std::size_t i) {
+    lines[i].name = files[i].string();
+    const Loaded loaded = load(instrument, files[i]);
+    if (loaded.complaint.empty())
+      lines[i].measurement = instrument.measure(spots_in(loaded.image, a.electrons_per_grey));
+    else
+      loaded.complaint.to(lines[i].measurement);
+  });
+  return put(a, instrument, "file", lines, code);
 }
 
 int track_command(const TrackArguments& a) {
@@ -678,10 +566,10 @@ int track_command(const TrackArguments& a) {
                       "is no folder, allowed: a folder of images, or a rig file. One image: "
                       "\"turntable measure\".");
   const RigFile rig = load_rig_file(a.source);
-  if (const std::string complaint = instrument.size_complaint(rig.camera.image_size);
+  if (const Complaint complaint = instrument.size_complaint(rig.camera.image_size);
       !complaint.empty())
     throw ConfigError(rig.file, "/camera/image_size_px",
-                      complaint + ". Calibrate at the camera's size.");
+                      "wrong size: " + complaint.message + ". Calibrate at the camera's size.");
   TriggeredSource source(instrument, rig);
   return track(
       instrument, [&] { return source.next(); }, a.frames,

@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -63,7 +64,7 @@ struct AttitudeArguments {
   std::string camera;                         ///< "irt" or a central model; empty = the solver's
   bool robust = false;
   /// Attitudes that are looked for: within so many degrees of these (yaw, roll, pitch; none = 0).
-  double within_deg = 180.0;
+  std::optional<double> within_deg;  ///< none = 180
   std::vector<double> near_deg;
   double electrons_per_grey = 0.0;  ///< of the camera; 0 = shot noise not counted
   std::filesystem::path out;        ///< empty = standard output
@@ -71,7 +72,7 @@ struct AttitudeArguments {
 };
 
 struct SolveArguments : AttitudeArguments {
-  std::filesystem::path points;
+  std::filesystem::path points;  ///< "-" = standard input
 };
 int solve_command(const SolveArguments& a);
 

@@ -340,10 +340,10 @@ int main(int argc, char** argv) {
     verb.add_flag("--robust", a.robust,
                   "more than four points: leave out those that contradict the others");
     verb.add_option("--within", a.within_deg,
-                    "look for attitudes within so many degrees of --near: for targets that look "
-                    "the same after a turn")
-        ->check(CLI::Range(0.1, 180.0));
-    verb.add_option("--near", a.near_deg, "yaw,roll,pitch, deg (default: 0,0,0)")->delimiter(',');
+                    "look for attitudes within so many degrees of --near, up to 180: for targets "
+                    "that look the same after a turn");
+    verb.add_option("--near", a.near_deg, "with --within: yaw,roll,pitch, deg (default: 0,0,0)")
+        ->delimiter(',');
     if (images)
       verb.add_option("--electrons-per-grey", a.electrons_per_grey,
                       "of the camera, so that shot noise counts in the uncertainties")
@@ -356,10 +356,20 @@ int main(int argc, char** argv) {
         ->capture_default_str();
   };
   const std::string attitudes =
-      "One line per %: status; rotation vector, quaternion and yaw, roll, pitch of the target in "
-      "the plane frame;\nposition of its first point; standard uncertainties (std_*) from spots, "
-      "calibration and target,\nas far as each states its own; chi2 of the spots, residual, "
-      "in_domain (0: outside the calibrated area).\n";
+      R"(One line per %: status (results/README.md lists them, and every column); the target in the
+plane frame as rotation vector, quaternion and yaw, roll, pitch; x, y, z of its first point there;
+standard uncertainties std_*; chi2, dof, misfit; residual; in_domain (0: outside the calibrated
+area); left_out (points that --robust left out, counted from 0); message.
+  Pixels: u right, v down, (0, 0) is the centre of the first pixel. Plane frame: x, y in the
+  calibration's plane, z towards the camera; the target's rotation in it is
+  Rz(yaw) Ry(roll) Rx(pitch). std_r*_deg are of small turns about its x, y, z.
+  std_* and chi2 need solver ml_ray and sigmas of the spots (column sigma_px; images state theirs).
+  std_* count spots, calibration and target as far as each states its own; chi2 counts the spots.
+  misfit, of every solver: squared residuals over what all three let expect (not stated: 0.1 px,
+  0.1 % of the target's radius); about 1 is right, above 30 there is no attitude (does_not_fit).
+  dof is 2 n - 6. residual_mm: rms distance from the rays; residual_px, of pinhole solvers: rms
+  reprojection, with --camera irt that of the rays' directions.
+)";
   const auto of_each = [&attitudes](const std::string& what) {
     std::string text = attitudes;
     return text.replace(text.find('%'), 1, what);
@@ -370,7 +380,7 @@ int main(int argc, char** argv) {
   solve_verb
       ->add_option("points", solve.points,
                    "CSV with columns u_px, v_px; optional frame, point (from 0; without it spots "
-                   "are in any order), sigma_px")
+                   "are in any order), sigma_px; - = standard input")
       ->required();
   measuring(*solve_verb, solve, false);
   putting(*solve_verb, solve);
@@ -382,7 +392,7 @@ int main(int argc, char** argv) {
       "--camera irt --format json\n\n" +
       of_each("frame") +
       "Exit codes: 0 done; 2 bad input; 3 the output could not be written; 4 some frames have no "
-      "attitude.\n");
+      "attitude; 130 interrupted,\nthe frames done are written.\n");
   solve_verb->callback([&] { code = guarded([&] { return solve_command(solve); }); });
 
   MeasureArguments measure;
@@ -397,7 +407,7 @@ int main(int argc, char** argv) {
       "attitudes.csv\n\n" +
       of_each("image") +
       "Exit codes: 0 done; 2 bad input; 3 the output could not be written; 4 some images have no "
-      "attitude.\n");
+      "attitude; 130 interrupted,\nthe images done are written.\n");
   measure_verb->callback([&] { code = guarded([&] { return measure_command(measure); }); });
 
   TrackArguments track;
@@ -418,7 +428,8 @@ int main(int argc, char** argv) {
       "calibration.json --target rig.json\n\n" +
       of_each("frame") +
       "With time and latency_ms (image in memory to attitude). Ctrl-C ends with exit code 0.\n"
-      "Exit codes: 0 done; 2 bad input; 3 camera trouble; 4 some frames have no attitude.\n");
+      "Exit codes: 0 done; 2 bad input; 3 camera trouble, or the output could not be "
+      "written;\n4 some frames have no attitude.\n");
   track_verb->callback([&] { code = guarded([&] { return track_command(track); }); });
 
   try {

@@ -81,6 +81,8 @@ std::string_view status_name(SolveStatus status) {
       return "height_undefined";
     case SolveStatus::kOutsideDomain:
       return "outside_domain";
+    case SolveStatus::kDoesNotFit:
+      return "does_not_fit";
     case SolveStatus::kAmbiguous:
       return "ambiguous";
     case SolveStatus::kNotConverged:

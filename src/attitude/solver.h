@@ -57,6 +57,9 @@ enum class SolveStatus {
   /// As converged, but a sighting lies outside the calibrated part of the image. Solvers do not know
   /// it; whoever made the sightings states it.
   kOutsideDomain,
+  /// The attitude misses what was seen by far more than everything stated explains. Solvers do not
+  /// know it either, and there is no attitude.
+  kDoesNotFit,
   kAmbiguous,     ///< two attitudes explain the sightings; the better one is in the solution, the
                   ///< other one in its rival
   kNotConverged,  ///< max_iterations passed; the last iterate is in the solution
@@ -65,8 +68,8 @@ enum class SolveStatus {
   kCoplanarTarget,  ///< the method does not take targets whose points lie in a plane
   kInvalidInput,    ///< wrong number of points, NaN or infinity, planes out of order
 };
-/// "converged", "height_undefined", "outside_domain", "ambiguous", "not_converged", "degenerate",
-/// "coplanar_target", "invalid_input".
+/// "converged", "height_undefined", "outside_domain", "does_not_fit", "ambiguous", "not_converged",
+/// "degenerate", "coplanar_target", "invalid_input".
 std::string_view status_name(SolveStatus status);
 
 struct SolveOptions {

@@ -1,10 +1,64 @@
 #include "src/attitude/uncertainty.h"
 
 #include <cassert>
+#include <cmath>
 
 #include "src/attitude/ray_residual.h"
 
 namespace turntable {
+namespace {
+
+/// r and its derivatives at a pose, two rows per point; those of points left out are zero.
+struct Linearised {
+  Eigen::VectorXd r;
+  Eigen::MatrixXd J;         ///< 2n x 6
+  Eigen::MatrixXd B_x, B_y;  ///< 2n x 2n, of the rays' x and y: values on a, values on b
+  Eigen::MatrixXd B_target;  ///< 2n x 3n
+  int rows = 0;              ///< that count
+};
+
+[[maybe_unused]] bool suits(const UncertaintySources& sources, int n) {
+  return (sources.rays_mm2.size() == 0 || sources.rays_mm2.rows() == 2 * n) &&
+         (sources.target_mm2.size() == 0 || sources.target_mm2.rows() == 3 * n);
+}
+
+Linearised linearise(const TargetModel& target, const Observation& observation, const Matrix3d& R,
+                     const Vector3d& T, std::uint32_t left_out) {
+  const int n = target.size();
+  const double a = observation.planes.a_mm, span = observation.planes.b_mm - a;
+  Linearised out;
+  out.r = Eigen::VectorXd::Zero(2 * n);
+  out.J = Eigen::MatrixXd::Zero(2 * n, 6);
+  out.B_x = out.B_y = Eigen::MatrixXd::Zero(2 * n, 2 * n);
+  out.B_target = Eigen::MatrixXd::Zero(2 * n, 3 * n);
+  for (int t = 0; t < n; ++t) {
+    if ((left_out >> t & 1u) != 0) continue;
+    const auto index = static_cast<std::size_t>(t);
+    const Sighted sighted(observation.rays[index],
+                          observation.spreads.empty() ? nullptr : &observation.spreads[index],
+                          observation.planes);
+    const Vector3d q = R * (target.points().col(t) - target.points().col(0)), X = q + T;
+    const RayResidual residual = sighted.residual(X, X.z() - a);
+    const double lambda = (X.z() - a) / span;
+    for (Eigen::Index i = 0; i < 2; ++i) {
+      const Eigen::Index row = 2 * t + i;
+      const Vector3d x = residual.row(i);
+      out.r(row) = residual.r(i);
+      out.J.row(row) << q.cross(x).transpose(), x.transpose();
+      out.B_x(row, t) = -(1.0 - lambda) * x.x();
+      out.B_x(row, n + t) = -lambda * x.x();
+      out.B_y(row, t) = -(1.0 - lambda) * x.y();
+      out.B_y(row, n + t) = -lambda * x.y();
+      const Eigen::RowVector3d in_target = x.transpose() * R;
+      out.B_target.row(row).segment<3>(3 * t) += in_target;
+      out.B_target.row(row).head<3>() -= in_target;
+    }
+    out.rows += 2;
+  }
+  return out;
+}
+
+}  // namespace
 
 PoseUncertainty propagate_uncertainty(const TargetModel& target, const Observation& observation,
                                       const Solution& solution, const UncertaintySources& sources) {
@@ -14,10 +68,7 @@ PoseUncertainty propagate_uncertainty(const TargetModel& target, const Observati
     out.rays = out.target = out.spots;
     return out;
   }
-  const int n = target.size();
-  const bool rays = sources.rays_mm2.size() > 0, geometry = sources.target_mm2.size() > 0;
-  assert(!rays || sources.rays_mm2.rows() == 2 * n);
-  assert(!geometry || sources.target_mm2.rows() == 3 * n);
+  assert(suits(sources, target.size()));
   // The height of parallel rays is not known and nothing of it reaches the attitude.
   Matrix6d N_inverse = solution.covariance;
   const bool height = N_inverse.allFinite();
@@ -25,46 +76,65 @@ PoseUncertainty propagate_uncertainty(const TargetModel& target, const Observati
     N_inverse.row(5).setZero();
     N_inverse.col(5).setZero();
   }
-  const double a = observation.planes.a_mm, span = observation.planes.b_mm - a;
-  // Sensitivities M: what each input moves the pose by.
-  Eigen::Matrix<double, 6, Eigen::Dynamic> to_x(6, 2 * n), to_y(6, 2 * n), to_target(6, 3 * n);
-  to_x.setZero();
-  to_y.setZero();
-  to_target.setZero();
   Vector3d T = solution.position_mm;
-  if (!height) T.z() = a;
-  for (int t = 0; t < n; ++t) {
-    if ((solution.left_out >> t & 1u) != 0) continue;
-    const auto index = static_cast<std::size_t>(t);
-    const Sighted sighted(observation.rays[index],
-                          observation.spreads.empty() ? nullptr : &observation.spreads[index],
-                          observation.planes);
-    const Vector3d q = solution.R * (target.points().col(t) - target.points().col(0)), X = q + T;
-    const RayResidual residual = sighted.residual(X, X.z() - a);
-    const double lambda = (X.z() - a) / span;
-    for (Eigen::Index row = 0; row < 2; ++row) {
-      const Vector3d x = residual.row(row);
-      Eigen::Matrix<double, 6, 1> J;
-      J << q.cross(x), x;
-      const Eigen::Matrix<double, 6, 1> gain = N_inverse * J;  // -d theta / d r
-      to_x.col(t) += gain * (1.0 - lambda) * x.x();
-      to_x.col(n + t) += gain * lambda * x.x();
-      to_y.col(t) += gain * (1.0 - lambda) * x.y();
-      to_y.col(n + t) += gain * lambda * x.y();
-      const Eigen::RowVector3d in_target = x.transpose() * solution.R;
-      to_target.middleCols<3>(3 * t) -= gain * in_target;
-      to_target.leftCols<3>() += gain * in_target;
-    }
+  if (!height) T.z() = observation.planes.a_mm;
+  const Linearised at = linearise(target, observation, solution.R, T, solution.left_out);
+  const Eigen::MatrixXd gain = -N_inverse * at.J.transpose();  // d theta / d r
+  const auto add = [&gain](Matrix6d& part, const Eigen::MatrixXd& B, const Eigen::MatrixXd& E) {
+    const Eigen::MatrixXd M = gain * B;
+    part += M * E * M.transpose();
+  };
+  if (sources.rays_mm2.size() > 0) {
+    add(out.rays, at.B_x, sources.rays_mm2);
+    add(out.rays, at.B_y, sources.rays_mm2);
   }
-  if (rays)
-    out.rays =
-        to_x * sources.rays_mm2 * to_x.transpose() + to_y * sources.rays_mm2 * to_y.transpose();
-  if (geometry) out.target = to_target * sources.target_mm2 * to_target.transpose();
+  if (sources.target_mm2.size() > 0) add(out.target, at.B_target, sources.target_mm2);
   if (!height)
     for (Matrix6d* part : {&out.rays, &out.target}) {
       part->row(5).setConstant(Solution::kNaN);
       part->col(5).setConstant(Solution::kNaN);
     }
+  return out;
+}
+
+Fit judge_fit(const TargetModel& target, const Observation& observation, const Matrix3d& R,
+              const Vector3d& T, const UncertaintySources& sources, std::uint32_t left_out) {
+  assert(suits(sources, target.size()));
+  const bool height = std::isfinite(T.z());
+  const Linearised at =
+      linearise(target, observation, R,
+                height ? T : Vector3d(T.x(), T.y(), observation.planes.a_mm), left_out);
+  Eigen::MatrixXd Sigma = Eigen::MatrixXd::Zero(at.r.size(), at.r.size());
+  for (int t = 0; t < target.size(); ++t)
+    if ((left_out >> t & 1u) == 0) Sigma(2 * t, 2 * t) = Sigma(2 * t + 1, 2 * t + 1) = 1.0;
+  const auto add = [&Sigma](const Eigen::MatrixXd& B, const Eigen::MatrixXd& E) {
+    Sigma += B * E * B.transpose();
+  };
+  if (sources.rays_mm2.size() > 0) {
+    add(at.B_x, sources.rays_mm2);
+    add(at.B_y, sources.rays_mm2);
+  }
+  if (sources.target_mm2.size() > 0) add(at.B_target, sources.target_mm2);
+
+  Fit out;
+  out.chi2 = at.r.squaredNorm();
+  out.expected = Sigma.trace();
+  out.dof = at.rows;
+  // J N^-1 J^T = Q Q^T, Q by Gram-Schmidt, once more for rounding. What depends on the columns
+  // before it, to rounding, takes nothing away.
+  Eigen::MatrixXd Q = at.J.leftCols(height ? 6 : 5);
+  for (Eigen::Index k = 0; k < Q.cols(); ++k) {
+    const double length = Q.col(k).norm();
+    for (int pass = 0; pass < 2; ++pass)
+      for (Eigen::Index j = 0; j < k; ++j) Q.col(k) -= Q.col(j).dot(Q.col(k)) * Q.col(j);
+    if (!(Q.col(k).norm() > 1e-9 * length)) {
+      Q.col(k).setZero();
+      continue;
+    }
+    Q.col(k).normalize();
+    out.expected -= Q.col(k).dot(Sigma * Q.col(k));
+    --out.dof;
+  }
   return out;
 }
 

@@ -460,6 +460,7 @@ class Reader {
     for (const Json& p : t.at("points_mm")) target.points_mm.push_back(vector3(p));
     target.led_radius_mm = t.at("led_radius_mm");
     target.offset_mm = vector3_or_zero(t, "offset_mm");
+    target.uncertainty_mm = t.value("uncertainty_mm", 0.0);
     if (target.points_mm.front().norm() > 0)
       fail("/target/points_mm/0",
            "found a point off the origin, allowed: [0, 0, 0]. M0 is the target's origin.");

@@ -157,6 +157,7 @@ struct TargetConfig {
   std::vector<Vector3d> points_mm;  ///< target frame, origin at M0
   double led_radius_mm{};
   Vector3d offset_mm = Vector3d::Zero();  ///< M0 from the gimbal centre at zero angles
+  double uncertainty_mm = 0.0;  ///< standard uncertainty of each coordinate; 0 = not stated
 };
 
 /// A thin-walled lens that no camera model under test contains exactly: radial polynomial,

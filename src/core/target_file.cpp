@@ -18,6 +18,7 @@ TargetFile load_target(const std::filesystem::path& file) {
     const RigFile rig = load_rig_file(file);
     target.title = rig.title;
     target.points_mm = rig.target.points_mm;
+    target.uncertainty_mm = rig.target.uncertainty_mm;
     return target;
   }
   if (format != "target")

@@ -212,26 +212,52 @@ MeasuredAttitude AttitudeSensor::measure(std::span<const Vector2d> points_px,
   return out;
 }
 
+Eigen::MatrixXd AttitudeSensor::target_covariance(double sigma_mm) const {
+  return sigma_mm * sigma_mm * Eigen::MatrixXd::Identity(3 * target_.size(), 3 * target_.size());
+}
+
+UncertaintySources AttitudeSensor::sources(std::span<const Vector2d> points_px,
+                                           double target_sigma_mm) const {
+  UncertaintySources out;
+  if (states_rays()) out.rays_mm2 = calibration_.irt.joint_ray_covariance(points_px);
+  if (target_sigma_mm > 0.0) out.target_mm2 = target_covariance(target_sigma_mm);
+  return out;
+}
+
 PoseUncertainty AttitudeSensor::uncertainty(std::span<const Vector2d> points_px,
                                             std::span<const Eigen::Matrix2d> covariances_px2,
                                             const MeasuredAttitude& measured,
-                                            double target_sigma_mm) const {
+                                            const UncertaintySources& stated) const {
   Solution solution;  // a covariance that is not stated stays NaN
   Look seen;
-  UncertaintySources sources;
   if (sees_rays() && measured.R_plane_from_target.allFinite()) {
     look(points_px, covariances_px2, seen);
     solution.R = measured.R_plane_from_target;
     solution.position_mm = measured.position_mm;
     solution.covariance = measured.covariance;
     solution.left_out = measured.left_out;
-    if (central_ == nullptr && calibration_.irt.covariance().size() > 0)
-      sources.rays_mm2 = calibration_.irt.joint_ray_covariance(points_px);
-    if (target_sigma_mm > 0.0)
-      sources.target_mm2 = target_sigma_mm * target_sigma_mm *
-                           Eigen::MatrixXd::Identity(3 * target_.size(), 3 * target_.size());
   }
-  return propagate_uncertainty(target_, seen.observation, solution, sources);
+  return propagate_uncertainty(target_, seen.observation, solution, stated);
+}
+
+Fit AttitudeSensor::judge(std::span<const Vector2d> points_px,
+                          std::span<const Eigen::Matrix2d> covariances_px2,
+                          const MeasuredAttitude& measured, UncertaintySources stated) const {
+  if (!measured.R_plane_from_target.allFinite()) return {};
+  const Eigen::Matrix2d assumed =
+      kAssumedSpotSigmaPx * kAssumedSpotSigmaPx * Eigen::Matrix2d::Identity();
+  Look seen;
+  for (std::size_t i = 0; i < points_px.size(); ++i) {
+    seen.rays[i] = ray(points_px[i]);
+    seen.spreads[i] = spread(points_px[i], covariances_px2.empty() ? assumed : covariances_px2[i]);
+  }
+  seen.observation.planes = planes();
+  seen.observation.rays = std::span(seen.rays).first(points_px.size());
+  seen.observation.spreads = std::span(seen.spreads).first(points_px.size());
+  if (stated.target_mm2.size() == 0)
+    stated.target_mm2 = target_covariance(kAssumedTargetShare * target_.radius_mm());
+  return judge_fit(target_, seen.observation, measured.R_plane_from_target, measured.position_mm,
+                   stated, measured.left_out);
 }
 
 }  // namespace turntable

@@ -45,6 +45,13 @@ struct MeasuredAttitude {
   }
 };
 
+/// Of a spot whose uncertainty nobody states, px, and of a target's coordinates, share of its radius.
+constexpr double kAssumedSpotSigmaPx = 0.1;
+constexpr double kAssumedTargetShare = 1e-3;
+/// Beyond it an attitude does not fit (`Fit::misfit`): about 1 is right, and 30 leaves room for
+/// uncertainties that are stated five times too small.
+constexpr double kMaxMisfit = 30.0;
+
 /// "irt" and the central models of the calibration, as `AttitudeSensor` takes them.
 std::vector<std::string> camera_names(const Calibration& calibration);
 
@@ -69,17 +76,32 @@ class AttitudeSensor {
   MeasuredAttitude measure(std::span<const Vector2d> points_px,
                            std::span<const Eigen::Matrix2d> covariances_px2 = {}) const;
 
-  /// Where the uncertainty of a measurement comes from: its spots; the rays, if it looked through a
-  /// ray model that states their covariance; the target's coordinates, independent of each other.
-  /// NaN if it has no covariance. Allocates.
-  /// @param points_px, covariances_px2 as they were measured
+  /// What is stated of errors that are not the spots' own: of these rays, by a ray model that states
+  /// its covariance; of the target's coordinates, independent of each other. Allocates.
   /// @param target_sigma_mm standard uncertainty of each coordinate; 0 = not stated
+  UncertaintySources sources(std::span<const Vector2d> points_px, double target_sigma_mm) const;
+
+  /// Where the uncertainty of a measurement comes from: its spots, the rays, the target. NaN if it
+  /// has no covariance. Allocates.
+  /// @param points_px, covariances_px2 as they were measured
   PoseUncertainty uncertainty(std::span<const Vector2d> points_px,
                               std::span<const Eigen::Matrix2d> covariances_px2,
-                              const MeasuredAttitude& measured, double target_sigma_mm) const;
+                              const MeasuredAttitude& measured,
+                              const UncertaintySources& stated) const;
+
+  /// How well a measurement of any solver explains its points, within their uncertainty, that of the
+  /// rays and that of the target. Without any uncertainty nothing would ever fit: what spots and
+  /// target do not state is assumed, here alone (kAssumedSpotSigmaPx, kAssumedTargetShare). NaN
+  /// without an attitude. Allocates.
+  Fit judge(std::span<const Vector2d> points_px, std::span<const Eigen::Matrix2d> covariances_px2,
+            const MeasuredAttitude& measured, UncertaintySources stated) const;
 
   /// Ray of a pixel through this sensor's camera; NaN where the model has none.
   Ray ray(const Vector2d& pixel_px) const;
+  /// The uncertainty of the rays is known: `uncertainty` counts it.
+  bool states_rays() const {
+    return central_ == nullptr && calibration_.irt.covariance().size() > 0;
+  }
   const RayPlanes& planes() const { return calibration_.irt.planes(); }
   const Solver& solver() const { return solver_; }
   const TargetModel& target() const { return target_; }
@@ -90,6 +112,7 @@ class AttitudeSensor {
   struct Look;
   void look(std::span<const Vector2d> points_px, std::span<const Eigen::Matrix2d> covariances_px2,
             Look& look) const;
+  Eigen::MatrixXd target_covariance(double sigma_mm) const;
   bool sees_rays() const { return solver_.sight == Sight::kRays; }
   RaySpread spread(const Vector2d& pixel_px, const Eigen::Matrix2d& covariance_px2) const;
 

@@ -15,9 +15,8 @@
 namespace turntable {
 namespace {
 
-/// Of a target or a spot whose uncertainty nobody states.
+/// Of a target whose uncertainty nobody states, as `correspond` looks for it.
 constexpr double kAssumedTargetSigmaMm = 0.02;
-constexpr double kAssumedSpotSigmaPx = 0.1;
 
 std::vector<Vector3d> points_of(const TargetModel& target) {
   std::vector<Vector3d> points;
@@ -56,8 +55,35 @@ void solve_matched(const AttitudeSensor& sensor, const SpotList& spots,
   }
   if (covariances.size() != points.size()) covariances.clear();
   out.attitude = sensor.measure(points, covariances);
-  out.uncertainty = sensor.uncertainty(points, covariances, out.attitude, target_uncertainty_mm);
+  const UncertaintySources stated = sensor.sources(points, target_uncertainty_mm);
+  out.fit = sensor.judge(points, covariances, out.attitude, stated);
+  if (out.fit.misfit() > kMaxMisfit) {
+    MeasuredAttitude none;
+    none.status = SolveStatus::kDoesNotFit;
+    none.chi2 = out.attitude.chi2;
+    none.iterations = out.attitude.iterations;
+    none.residual = out.attitude.residual;
+    none.in_domain = out.attitude.in_domain;
+    none.left_out = out.attitude.left_out;
+    out.attitude = none;
+  }
+  out.uncertainty = sensor.uncertainty(points, covariances, out.attitude, stated);
   out.status = status_name(out.attitude.status);
+}
+
+/// One word per reason, as in the output of the verbs.
+std::string_view word(MatchStatus status) {
+  switch (status) {
+    case MatchStatus::kMatched:
+      return "matched";
+    case MatchStatus::kTooFewSpots:
+      return "too_few_spots";
+    case MatchStatus::kAmbiguous:
+      return "ambiguous_spots";
+    case MatchStatus::kTooFar:
+      return "spots_off_prediction";
+  }
+  return "?";
 }
 
 }  // namespace
@@ -93,7 +119,8 @@ TargetMeasurement measure_spots(const AttitudeSensor& sensor, const SpotList& sp
   const TargetModel& target = sensor.target();
   TargetMeasurement out;
   if (spots.centres_px.size() < static_cast<std::size_t>(target.size())) {
-    out.status = fmt::format("too few spots: {} of {}", spots.centres_px.size(), target.size());
+    out.status = word(MatchStatus::kTooFewSpots);
+    out.message = fmt::format("{} of {}", spots.centres_px.size(), target.size());
     return out;
   }
   std::vector<Ray> rays;
@@ -106,7 +133,7 @@ TargetMeasurement measure_spots(const AttitudeSensor& sensor, const SpotList& sp
       predicted.push_back(near->R_plane_from_target * (p - points.front()) + near->position_mm);
     const Match match =
         match_to_prediction(predicted, rays, sensor.planes(), match_gate_mm(points));
-    out.status = match_status_name(match.status);
+    out.status = word(match.status);
     if (match.status == MatchStatus::kMatched) {
       out.predicted = true;
       out.spot_of_point = match.ray_of_point;
@@ -131,13 +158,13 @@ TargetMeasurement measure_spots(const AttitudeSensor& sensor, const SpotList& sp
       solve_matched(sensor, spots, search.target_uncertainty_mm, out);
       break;
     case CorrespondenceStatus::kAmbiguous:
-      out.status = match_status_name(MatchStatus::kAmbiguous);
+      out.status = word(MatchStatus::kAmbiguous);
       break;
     case CorrespondenceStatus::kTooFewSpots:
-      out.status = match_status_name(MatchStatus::kTooFewSpots);
+      out.status = word(MatchStatus::kTooFewSpots);
       break;
     case CorrespondenceStatus::kNoFit:
-      out.status = "no target";
+      out.status = "no_target";
       break;
   }
   return out;

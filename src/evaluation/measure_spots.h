@@ -1,6 +1,8 @@
 // From the spots of one image to the attitude of the target: which spot is which point, then the
 // sensor. With a prediction (the image before, say) the nearest spots are taken; without one, or
-// where it does not fit any more, the target is looked for among all spots.
+// where it does not fit any more, the target is looked for among all spots. The attitude of whatever
+// solver is then judged against everything stated: beyond kMaxMisfit there is none, kDoesNotFit
+// (points in a wrong order, v counted upward, a target in other units, another camera's calibration).
 #pragma once
 
 #include <numbers>
@@ -28,9 +30,11 @@ struct TargetMeasurement {
   /// NaN without a covariance.
   PoseUncertainty uncertainty{MeasuredAttitude{}.covariance, MeasuredAttitude{}.covariance,
                               MeasuredAttitude{}.covariance};
-  /// `status_name`, or why the spots are not known: "too few spots: 2 of 4", "ambiguous spots", "no
-  /// target".
+  Fit fit;  ///< of the attitude, or of the one that was given up because it does not fit
+  /// `status_name`, or why the spots are not known: "too_few_spots", "ambiguous_spots",
+  /// "spots_off_prediction", "no_target".
   std::string status;
+  std::string message;             ///< the rest for people, such as "2 of 4"; often empty
   bool predicted = false;          ///< the prediction told which spot is which point
   std::vector<int> spot_of_point;  ///< index into the spots; empty if not known
 };

@@ -31,7 +31,12 @@ std::vector<std::string> split(std::string_view line) {
 NumberTable read_number_table(const std::filesystem::path& file,
                               const std::vector<std::string>& required,
                               const std::vector<std::string>& optional) {
-  const std::string text = read_text(file), name = file.string();
+  return number_table(read_text(file), file.string(), required, optional);
+}
+
+NumberTable number_table(std::string_view text, const std::string& name,
+                         const std::vector<std::string>& required,
+                         const std::vector<std::string>& optional) {
   if (text.find('\0') != std::string::npos)
     throw ConfigError(name, "", "is no plain text. Save the table as CSV in UTF-8.");
   NumberTable table;
@@ -40,8 +45,8 @@ NumberTable read_number_table(const std::filesystem::path& file,
   std::size_t at = text.starts_with("\xEF\xBB\xBF") ? 3 : 0;  // a mark that spreadsheets leave
   for (int line = 1; at < text.size(); ++line) {
     std::size_t end = text.find('\n', at);
-    if (end == std::string::npos) end = text.size();
-    std::string_view content = std::string_view(text).substr(at, end - at);
+    if (end == std::string_view::npos) end = text.size();
+    std::string_view content = text.substr(at, end - at);
     at = end + 1;
     if (content.ends_with('\r')) content.remove_suffix(1);
     if (content.empty()) continue;
@@ -50,6 +55,8 @@ NumberTable read_number_table(const std::filesystem::path& file,
       header = cells;
       std::vector<std::string> all = required;
       all.insert(all.end(), optional.begin(), optional.end());
+      for (const std::string& column : header)
+        if (std::ranges::find(all, column) == all.end()) table.unused.push_back(column);
       for (const std::string& column : all) {
         const auto found = std::ranges::find(header, column);
         if (found == header.end()) {

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <map>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace turntable {
@@ -11,6 +12,7 @@ namespace turntable {
 struct NumberTable {
   std::map<std::string, std::vector<double>> columns;  ///< the wanted ones that are there
   std::vector<int> lines;                              ///< of each row, counted from 1
+  std::vector<std::string> unused;                     ///< names of the other columns
 
   std::size_t rows() const { return lines.size(); }
   bool has(const std::string& name) const { return columns.contains(name); }
@@ -23,5 +25,9 @@ struct NumberTable {
 NumberTable read_number_table(const std::filesystem::path& file,
                               const std::vector<std::string>& required,
                               const std::vector<std::string>& optional = {});
+/// The same of text that is there already, by the name that errors call it.
+NumberTable number_table(std::string_view text, const std::string& name,
+                         const std::vector<std::string>& required,
+                         const std::vector<std::string>& optional = {});
 
 }  // namespace turntable

@@ -21,6 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using ::testing::HasSubstr;
+using ::testing::StartsWith;
 
 constexpr double kRad = std::numbers::pi / 180.0;
 const std::string kPublished = "scenarios/targets/published.json";
@@ -29,12 +30,14 @@ const std::vector<Vector3d> kLeds{
 
 using Rows = std::vector<std::map<std::string, std::string>>;
 
-/// A table as the program prints it. Text that is no row of it (progress, errors) fails.
+/// A table as the program prints it. Text that is no row of it (progress, errors) fails, but for
+/// what it remarks before and after.
 Rows table_of(const std::string& text) {
   std::istringstream in(text);
   Rows rows;
   std::vector<std::string> header;
   for (std::string line; std::getline(in, line);) {
+    if (line.starts_with("turntable: info: ") || line.starts_with("turntable: warning: ")) continue;
     std::vector<std::string> cells;
     std::istringstream cell_by_cell(line + ",");
     for (std::string cell; std::getline(cell_by_cell, cell, ',');) cells.push_back(cell);
@@ -140,7 +143,8 @@ TEST_F(PointsOfAPinhole, BecomeAttitudesFrameByFrame) {
   EXPECT_LT(number_in(rows[0], "std_rx_deg"), 0.05);
   EXPECT_EQ(rows[0].at("in_domain"), "1");
   EXPECT_EQ(rows[1].at("frame"), "3");
-  EXPECT_EQ(rows[1].at("status"), "too few spots: 3 of 4");
+  EXPECT_EQ(rows[1].at("status"), "too_few_spots");
+  EXPECT_EQ(rows[1].at("message"), "3 of 4");
   EXPECT_EQ(rows[1].at("qw"), "");
 }
 
@@ -198,13 +202,17 @@ TEST_F(PointsOfAPinhole, ComeAsJsonIntoAFile) {
   const Outcome outcome =
       turntable_program(solve(named_points(), "--format json --out " + out.string()));
   EXPECT_EQ(outcome.code, 4);
-  EXPECT_EQ(outcome.output, "");
+  EXPECT_THAT(outcome.output, StartsWith("turntable: info: std_* do not count the uncertainty of: "
+                                         "rays ("));
+  EXPECT_EQ(std::ranges::count(outcome.output, '\n'), 1) << outcome.output;
   const Json json = Json::parse(slurp(out));
   const Json& first = json.at("attitudes").at(0);
   EXPECT_EQ(first.at("frame"), "7");
   EXPECT_NEAR(first.at("position_mm").at(1).get<double>(), -8.0, 1e-3);
   EXPECT_GT(first.at("covariance_rad_mm").at(5).at(5).get<double>(), 0.0);
   EXPECT_EQ(first.at("residual_unit"), "mm");
+  EXPECT_TRUE(first.at("std_by_source").at("rays").is_null());
+  EXPECT_GT(first.at("std_by_source").at("target").at("position_mm").at(2).get<double>(), 0.0);
   EXPECT_TRUE(json.at("attitudes").at(1).at("quaternion_wxyz").is_null());
 }
 
@@ -238,7 +246,14 @@ TEST_F(PointsOfAPinhole, BadInputIsRefusedWithItsPlaceBeforeTheWork) {
            {points, "--robust --solver posit", "means nothing with solver posit"},
            {points, "--format xml", "xml"},
            {points, "--near 1,2", "--near: found 2 angles"},
-           {points, "--within 200", "--within"},
+           {points, "--within 200", "--within: found 200, allowed: above 0, at most 180"},
+           {points, "--within 0", "--within: found 0"},
+           {points, "--within nan", "--within: found nan"},
+           {points, "--near 0,0,0", "--near: means nothing without --within"},
+           {points, "--within 60 --near 0,inf,0", "--near: found inf"},
+           {points, "--within 60 --near 0,0,400", "--near: found 400, allowed: -360 to 360"},
+           {points, "--within 60", "column point: tells which spot is which"},
+           {points, "--within 60 --near 1,2,3", "column point: tells which spot is which"},
            {points, "--out /nowhere/attitudes.csv", "/nowhere: is no folder"}}) {
     const Outcome outcome = turntable_program(solve(text, more));
     EXPECT_EQ(outcome.code, 2) << more << outcome.output;
@@ -246,6 +261,70 @@ TEST_F(PointsOfAPinhole, BadInputIsRefusedWithItsPlaceBeforeTheWork) {
   }
   // In a plane, but named and with the solver that takes it: two attitudes, told from each other.
   EXPECT_THAT(turntable_program(solve(points, flat)).output, HasSubstr("7,"));
+}
+
+TEST_F(PointsOfAPinhole, ThatDoNotFitGiveNoAttitude) {
+  // Frame 0 is right; in frame 1 two points are swapped, in frame 2 v counts upward.
+  std::string points = "frame,point,u_px,v_px\n";
+  for (const int frame : {0, 1, 2})
+    for (const int t : {0, 1, 2, 3}) {
+      const Vector2d p = pixel_of(frame == 1 && t > 1 ? 5 - t : t, R_, at_);
+      points += fmt::format("{},{},{:.6f},{:.6f}\n", frame, t, p.x(),
+                            frame == 2 ? 1023.0 - p.y() : p.y());
+    }
+  const Outcome outcome = turntable_program(solve(points));
+  EXPECT_EQ(outcome.code, 4) << outcome.output;
+  EXPECT_THAT(outcome.output, HasSubstr("does_not_fit: check the order of points"));
+  const Rows rows = table_of(outcome.output);
+  ASSERT_EQ(rows.size(), 3u);
+  EXPECT_EQ(rows[0].at("status"), "converged");
+  EXPECT_EQ(rows[0].at("dof"), "2");
+  EXPECT_LT(number_in(rows[0], "misfit"), 1.0);
+  for (const int k : {1, 2}) {
+    const auto& row = rows[static_cast<std::size_t>(k)];
+    EXPECT_EQ(row.at("status"), "does_not_fit");
+    EXPECT_GT(number_in(row, "misfit"), 30.0);
+    for (const char* empty : {"rx_deg", "qw", "yaw_deg", "x_mm"}) EXPECT_EQ(row.at(empty), "");
+  }
+}
+
+TEST_F(PointsOfAPinhole, AreNeverOverwrittenByTheAnswers) {
+  const std::string text = named_points();
+  const std::string camera = (*folder_ / "camera/calibration.json").string();
+  const std::string calibration = slurp(camera);
+  for (const std::string& out :
+       {(*folder_ / "points.csv").string(), (*folder_ / "camera/../points.csv").string(), camera,
+        kPublished}) {
+    const Outcome outcome = turntable_program(solve(text, "--out " + out));
+    EXPECT_EQ(outcome.code, 2) << out;
+    EXPECT_THAT(outcome.output, HasSubstr("which is read, allowed: another file"));
+  }
+  EXPECT_EQ(slurp(*folder_ / "points.csv"), text);
+  EXPECT_EQ(slurp(camera), calibration);
+}
+
+TEST_F(PointsOfAPinhole, ComeFromStandardInputAndTheirUnusedColumnsAreNamed) {
+  spill(
+      *folder_ / "piped.csv", "sigma_pix,point,u_px,v_px\n" + [&] {
+        std::string rows;
+        for (int t = 0; t < 4; ++t) {
+          const Vector2d p = pixel_of(t, R_, at_);
+          rows += fmt::format("0.02,{},{:.9f},{:.9f}\n", t, p.x(), p.y());
+        }
+        return rows;
+      }());
+  const Outcome outcome =
+      turntable_program("solve -" + with_camera(), "", (*folder_ / "piped.csv").string());
+  EXPECT_EQ(outcome.code, 0) << outcome.output;
+  EXPECT_THAT(outcome.output,
+              HasSubstr("standard input: columns that are not used: sigma_pix. Known: u_px"));
+  EXPECT_EQ(table_of(outcome.output).at(0).at("status"), "converged");
+}
+
+TEST_F(PointsOfAPinhole, WhoseAnswersFindNoRoomEndInTrouble) {
+  EXPECT_EQ(turntable_program(solve(named_points()) + " >/dev/full").code, 3);
+  const std::string track = "track scenarios/rigs/simulated.json --frames 1";
+  EXPECT_EQ(turntable_program(track + with_camera() + " >/dev/full").code, 3);
 }
 
 // ---- images
@@ -315,12 +394,14 @@ TEST_F(ImagesOfARun, ThatCannotBeMeasuredAreRowsThatSayWhy) {
   std::istringstream lines(outcome.output);
   std::string line;
   std::getline(lines, line);
-  for (const char* says :
-       {"1_dark.png,too few spots: 0 of 4,",
-        "2_small.png,wrong size: 640 x 480 px instead of 1024 x 1024 px as calibrated,",
-        "3_torn.png,unreadable: the file is cut off", "4_good.png,converged,"}) {
+  for (const auto& [status, message] : std::vector<std::pair<std::string, std::string>>{
+           {"1_dark.png,too_few_spots,", ",0 of 4"},
+           {"2_small.png,wrong_size,", ",640 x 480 px instead of 1024 x 1024 px as calibrated"},
+           {"3_torn.png,unreadable,", "the file is cut off"},
+           {"4_good.png,converged,", ","}}) {
     std::getline(lines, line);
-    EXPECT_THAT(line, HasSubstr(says));
+    EXPECT_THAT(line, HasSubstr(status));
+    EXPECT_THAT(line, HasSubstr(message));
   }
 }
 
@@ -357,6 +438,35 @@ TEST_F(ImagesOfARun, AreFollowedWhileTheyComeUntilCtrlC) {
   program.signal(SIGINT);
   EXPECT_EQ(program.ended(), 0);
   EXPECT_TRUE(program.prints("2 frames, 0 lost; latency median")) << program.output();
+}
+
+TEST_F(ImagesOfARun, ThatWereMeasuredBeforeCtrlCAreWritten) {
+  std::string many;  // some seconds of work
+  for (int k = 0; k < 200; ++k) many += " " + images().string();
+  const fs::path out = *folder_ / "interrupted.csv";
+  // Its remark on the solver is the sign that it is under way.
+  BackgroundProgram program(
+      "measure" + many + with_camera() + " --solver opencv_epnp --out " + out.string(),
+      *folder_ / "interrupted.txt");
+  ASSERT_TRUE(program.prints("opencv_epnp is made for five")) << program.output();
+  program.signal(SIGINT);
+  EXPECT_EQ(program.ended(), 130);
+  EXPECT_THAT(program.output(), HasSubstr("images are done"));
+  const Rows rows = table_of(slurp(out));
+  std::vector<fs::path> files;
+  for (const auto& entry : fs::directory_iterator(images())) files.push_back(entry.path());
+  EXPECT_LT(rows.size(), 200 * files.size());
+  for (const auto& row : rows) EXPECT_NE(row.at("status"), "");
+}
+
+TEST_F(ImagesOfARun, AreNeverOverwritten) {
+  const fs::path one = fs::directory_iterator(images())->path();
+  const std::string bytes = slurp(one);
+  const Outcome outcome =
+      turntable_program("measure " + images().string() + with_camera() + " --out " + one.string());
+  EXPECT_EQ(outcome.code, 2);
+  EXPECT_THAT(outcome.output, HasSubstr("which is read, allowed: another file"));
+  EXPECT_EQ(slurp(one), bytes);
 }
 
 TEST_F(ImagesOfARun, ComeFromTheCameraOfARigWhoseAxesAreLeftAlone) {

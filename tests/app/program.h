@@ -18,9 +18,10 @@ struct Outcome {
   std::string output;  ///< stdout and stderr
 };
 
-inline Outcome turntable_program(const std::string& arguments, const std::string& before = "") {
+inline Outcome turntable_program(const std::string& arguments, const std::string& before = "",
+                                 const std::string& input = "/dev/null") {
   const std::string command =
-      before + " " + TURNTABLE_PROGRAM + " " + arguments + " 2>&1 </dev/null";
+      before + " " + TURNTABLE_PROGRAM + " " + arguments + " 2>&1 <" + input;
   FILE* pipe = ::popen(command.c_str(), "r");
   if (pipe == nullptr) throw std::runtime_error("popen");
   Outcome out;

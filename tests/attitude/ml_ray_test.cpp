@@ -361,6 +361,69 @@ TEST_F(Uncertainty, of_each_source_is_what_monte_carlo_says) {
   expect_same_covariance(all, u.total(), kDraws);
 }
 
+TEST_F(Uncertainty, expects_the_residuals_that_monte_carlo_finds) {
+  const UncertaintySources sources{random_covariance(2 * kPoints, 0.01, random),
+                                   random_covariance(3 * kPoints, 0.02, random)};
+  constexpr int kDraws = 4000;
+  struct Case {
+    bool spots, rays, target;
+  };
+  for (const Case& c :
+       {Case{true, false, false}, {true, true, false}, {true, false, true}, {true, true, true}}) {
+    UncertaintySources stated_sources;
+    if (c.rays) stated_sources.rays_mm2 = sources.rays_mm2;
+    if (c.target) stated_sources.target_mm2 = sources.target_mm2;
+    double sum = 0.0, squares = 0.0, expected = 0.0;
+    for (int i = 0; i < kDraws; ++i) {
+      Problem noisy = exact;
+      problems::add_noise(noisy, 0.05, random);
+      Problem seen = with_target_errors(c.target ? draw(sources.target_mm2, random)
+                                                 : Eigen::VectorXd::Zero(3 * kPoints).eval());
+      const Eigen::VectorXd none = Eigen::VectorXd::Zero(2 * kPoints);
+      const Problem moved = with_ray_errors(c.rays ? draw(sources.rays_mm2, random) : none,
+                                            c.rays ? draw(sources.rays_mm2, random) : none);
+      for (std::size_t t = 0; t < kPoints; ++t) {
+        seen.rays[t].at_a += moved.rays[t].at_a + noisy.rays[t].at_a - 2.0 * exact.rays[t].at_a;
+        seen.rays[t].at_b += moved.rays[t].at_b + noisy.rays[t].at_b - 2.0 * exact.rays[t].at_b;
+      }
+      const Solution s = solve(seen);
+      const Fit fit = judge_fit(target, seen.observation(), s.R, s.position_mm, stated_sources);
+      EXPECT_NEAR(fit.chi2, s.chi2, 1e-6 * (1.0 + s.chi2));
+      EXPECT_EQ(fit.dof, 2 * kPoints - 6);
+      sum += fit.chi2;
+      squares += fit.chi2 * fit.chi2;
+      expected += fit.expected / kDraws;
+    }
+    const double mean = sum / kDraws;
+    const double spread = std::sqrt((squares / kDraws - mean * mean) / kDraws);
+    EXPECT_NEAR(mean, expected, 4.0 * spread) << c.rays << c.target;
+    if (!c.rays && !c.target) {
+      EXPECT_NEAR(expected, 2 * kPoints - 6, 1e-9);
+    } else {
+      EXPECT_GT(expected, 1.5 * (2 * kPoints - 6)) << "the case must say something";
+    }
+  }
+}
+
+TEST_F(Uncertainty, judges_what_is_left_of_points_and_height) {
+  const Observation seen = exact.observation();
+  const Fit all = judge_fit(target, seen, truth.R, truth.position_mm, {});
+  const Fit four = judge_fit(target, seen, truth.R, truth.position_mm, {}, 1u << 3);
+  EXPECT_EQ(four.dof, all.dof - 2);
+  EXPECT_NEAR(four.expected, all.expected - 2.0, 1e-9);
+  const Matrix3d turned = rotation_from_vector({0.0, 0.1, 0.0}) * truth.R;
+  EXPECT_GT(judge_fit(target, seen, turned, truth.position_mm, {}).misfit(), 1e4);
+  Random draws = draws_of_this_test();
+  const Problem parallel = problems::random_problem(
+      draws, exact.target_mm, 35.0, {.centre_mm = {0, 0, 700}, .telecentric = true});
+  const Problem noisy = stated(parallel, 0.05, draws);
+  const Solution s = solve(noisy);
+  ASSERT_EQ(status_name(s.status), "height_undefined");
+  const Fit fit = judge_fit(target, noisy.observation(), s.R, s.position_mm, {});
+  EXPECT_EQ(fit.dof, 2 * kPoints - 5);
+  EXPECT_NEAR(fit.expected, 2 * kPoints - 5, 1e-9);
+}
+
 TEST_F(Uncertainty, of_sources_not_stated_is_zero_and_without_covariance_unknown) {
   const PoseUncertainty u = propagate_uncertainty(target, exact.observation(), truth, {});
   EXPECT_EQ(u.rays, Matrix6d(Matrix6d::Zero()));

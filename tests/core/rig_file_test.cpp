@@ -55,6 +55,8 @@ TEST(RigFile, EverySlipIsNamedWithItsPlace) {
        "[[0, 0, 0], [58.6, 13.0, 0], [-40.6, 44.2, 0], [-18.0, -57.2, 0]]", "/target/points_mm",
        "one plane"},
       {"[[0, 0, 0], [58.6", "[[1, 0, 0], [58.6", "/target/points_mm/0", "M0"},
+      {"\"led_radius_mm\"", "\"uncertainty_mm\": -0.01, \"led_radius_mm\"",
+       "/target/uncertainty_mm", "found -0.01"},
       {"[0, 0], [-1, 1], [2, 1], [0, 4]", "[0, 0], [-1, 1], [2, 1], [0, 3]",
        "/pattern/direction_circles", "ambiguous"},
       {"[0, 0], [-1, 1], [2, 1], [0, 4]", "[0, 0], [-1, 1], [2, 1], [0, 40]",

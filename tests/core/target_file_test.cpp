@@ -31,6 +31,13 @@ TEST(TargetFile, IsARigFilesTargetToo) {
   EXPECT_EQ(of_rig.points_mm, load_target(kTargetScenarios / "targets/published.json").points_mm);
   EXPECT_EQ(of_rig.points_mm,
             load_rig_file(kTargetScenarios / "rigs/simulated.json").target.points_mm);
+  EXPECT_EQ(of_rig.uncertainty_mm, 0.0);
+  TemporaryFolder folder;
+  std::string text = slurp(kTargetScenarios / "rigs/simulated.json");
+  const std::string key = "\"led_radius_mm\"";
+  text.replace(text.find(key), key.size(), "\"uncertainty_mm\": 0.03, " + key);
+  spill(folder / "rig.json", text);
+  EXPECT_DOUBLE_EQ(load_target(folder / "rig.json").uncertainty_mm, 0.03);
 }
 
 TEST(TargetFile, MayLieInAPlaneAndStateItsUncertainty) {

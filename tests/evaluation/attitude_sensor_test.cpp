@@ -159,15 +159,20 @@ TEST(AttitudeSensor, TellsWhatSpotsRaysAndTargetDoToAMeasurement) {
   const std::vector<Eigen::Matrix2d> spots = same_for_all(0.0025 * Eigen::Matrix2d::Identity());
   const AttitudeSensor by_rays(known, target(), default_solver());
   const MeasuredAttitude got = by_rays.measure(seen, spots);
-  const PoseUncertainty all = by_rays.uncertainty(seen, spots, got, 0.05);
+  const UncertaintySources stated = by_rays.sources(seen, 0.05);
+  const PoseUncertainty all = by_rays.uncertainty(seen, spots, got, stated);
   EXPECT_EQ(all.spots, got.covariance);
   EXPECT_GT(all.rays(0, 0), 0.0);
   EXPECT_GT(all.target(0, 0), 0.0);
-  EXPECT_EQ(by_rays.uncertainty(seen, spots, got, 0.0).target(0, 0), 0.0);
+  EXPECT_EQ(by_rays.uncertainty(seen, spots, got, by_rays.sources(seen, 0.0)).target(0, 0), 0.0);
   // Nothing is known of the rays of a central model, and nothing of anything without the spots'.
   const AttitudeSensor by_lens(known, target(), default_solver(), "brown");
-  EXPECT_EQ(by_lens.uncertainty(seen, spots, by_lens.measure(seen, spots), 0.05).rays(0, 0), 0.0);
-  EXPECT_TRUE(std::isnan(by_rays.uncertainty(seen, {}, by_rays.measure(seen), 0.05).total()(0, 0)));
+  EXPECT_EQ(
+      by_lens.uncertainty(seen, spots, by_lens.measure(seen, spots), by_lens.sources(seen, 0.05))
+          .rays(0, 0),
+      0.0);
+  EXPECT_TRUE(
+      std::isnan(by_rays.uncertainty(seen, {}, by_rays.measure(seen), stated).total()(0, 0)));
 
   // The target's part against errors drawn from it.
   Random random = draws_of_this_test();

@@ -1,7 +1,9 @@
 #include "src/evaluation/measure_spots.h"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -96,11 +98,12 @@ TEST(MeasureSpots, SaysWhyThereIsNoAttitude) {
   SpotList spots = spots_of(leds(), kTurned, kPlace);
   SpotList moved = spots;
   moved.centres_px[1] += Vector2d(15, -20);
-  EXPECT_EQ(measure_spots(sensor, moved).status, "no target");
+  EXPECT_EQ(measure_spots(sensor, moved).status, "no_target");
   spots.centres_px.pop_back();
   spots.sigmas_px.pop_back();
   const TargetMeasurement few = measure_spots(sensor, spots);
-  EXPECT_EQ(few.status, "too few spots: 3 of 4");
+  EXPECT_EQ(few.status, "too_few_spots");
+  EXPECT_EQ(few.message, "3 of 4");
   EXPECT_FALSE(few.attitude.has_attitude());
   EXPECT_TRUE(few.spot_of_point.empty());
 
@@ -109,7 +112,7 @@ TEST(MeasureSpots, SaysWhyThereIsNoAttitude) {
   const AttitudeSensor of_corner(pinhole(), corner, default_solver());
   const TargetMeasurement one_of_three =
       measure_spots(of_corner, spots_of(corner, kTurned, kPlace));
-  EXPECT_EQ(one_of_three.status, "ambiguous spots");
+  EXPECT_EQ(one_of_three.status, "ambiguous_spots");
   EXPECT_FALSE(one_of_three.attitude.has_attitude());
 }
 
@@ -137,6 +140,56 @@ TEST(MeasureSpots, ByNameTakesTheTargetsOrderAndWeighsAlikeIfASpotStatesNoUncert
   EXPECT_TRUE(std::isfinite(stated.attitude.chi2));
   spots.sigmas_px[2] = 0.0;
   EXPECT_TRUE(std::isnan(measure_named_spots(sensor, spots).attitude.chi2));
+}
+
+/// Named spots with a mistake that people make.
+SpotList mistaken(int mistake) {
+  SpotList spots = spots_of(leds(), kTurned, kPlace);
+  std::ranges::reverse(spots.centres_px);  // the target's order
+  if (mistake == 1) std::swap(spots.centres_px[1], spots.centres_px[2]);
+  if (mistake == 2) std::swap(spots.centres_px[0], spots.centres_px[1]);
+  for (Vector2d& at : spots.centres_px) {
+    if (mistake == 3) at.y() = 1023.0 - at.y();
+    if (mistake == 4) at = 1.3 * (at - Vector2d(511.5, 511.5)) + Vector2d(511.5, 511.5);
+  }
+  return spots;
+}
+
+TEST(MeasureSpots, GivesNoAttitudeThatDoesNotFitWhateverTheSolver) {
+  for (const Solver& solver : kSolvers) {
+    if (solver.name == "opencv_epnp") continue;  // five points and more
+    const AttitudeSensor sensor(pinhole(), leds(), solver);
+    for (const bool stated : {false, true}) {  // with an uncertainty of spots and target
+      SpotList right = mistaken(0);
+      if (!stated) right.sigmas_px.clear();
+      const TargetMeasurement good = measure_named_spots(sensor, right, stated ? 0.02 : 0.0);
+      EXPECT_EQ(good.status, "converged") << solver.name;
+      EXPECT_LT(good.fit.misfit(), 1.0) << solver.name;
+      EXPECT_EQ(good.fit.dof, 2);
+      for (const int mistake : {1, 2, 3, 4}) {
+        SCOPED_TRACE(fmt::format("{}, mistake {}, {}", solver.name, mistake, stated));
+        SpotList spots = mistaken(mistake);
+        if (!stated) spots.sigmas_px.clear();
+        const TargetMeasurement got = measure_named_spots(sensor, spots, stated ? 0.02 : 0.0);
+        EXPECT_FALSE(got.attitude.has_attitude());
+        EXPECT_FALSE(got.attitude.R_plane_from_target.allFinite());
+        EXPECT_TRUE(std::isnan(got.uncertainty.total()(0, 0)));
+        if (got.status == "does_not_fit") {
+          EXPECT_GT(got.fit.misfit(), kMaxMisfit);
+        }
+      }
+    }
+  }
+}
+
+TEST(MeasureSpots, AllowsErrorsThatAreStated) {
+  const AttitudeSensor sensor(pinhole(), leds(), default_solver());
+  SpotList spots = mistaken(0);
+  spots.centres_px[2] += Vector2d(1.0, -1.0);  // 50 standard deviations, 0.3 mm on the target
+  EXPECT_EQ(measure_named_spots(sensor, spots, 0.001).status, "does_not_fit");
+  EXPECT_EQ(measure_named_spots(sensor, spots, 0.3).status, "converged");
+  for (double& sigma : spots.sigmas_px) sigma = 1.0;
+  EXPECT_EQ(measure_named_spots(sensor, spots, 0.001).status, "converged");
 }
 
 TEST(MeasureSpots, OfATargetInAPlaneNeedsAPrediction) {
