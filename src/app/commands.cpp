@@ -30,18 +30,26 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::vector<const Solver*> solvers_named(const std::vector<std::string>& names) {
-  std::vector<const Solver*> solvers;
+/// The options of --solver. "all" is every row that the camera can serve, which only its calibration
+/// tells.
+EvaluateOptions solvers_named(const std::vector<std::string>& names) {
+  EvaluateOptions options;
+  if (names == std::vector<std::string>{"all"}) {
+    options.all_solvers = true;
+    return options;
+  }
+  std::vector<const Solver*>& solvers = options.solvers;
   for (const std::string& name : names) {
     const Solver* solver = find_solver(name);
     if (solver == nullptr) {
       std::string known;
       for (const Solver& s : kSolvers) known += (known.empty() ? "" : ", ") + std::string(s.name);
-      throw ConfigError("--solver", "", fmt::format("found \"{}\", allowed: {}.", name, known));
+      throw ConfigError("--solver", "",
+                        fmt::format("found \"{}\", allowed: {}, or all alone.", name, known));
     }
     if (std::ranges::find(solvers, solver) == solvers.end()) solvers.push_back(solver);
   }
-  return solvers;
+  return options;
 }
 
 /// Where the camera calibration of a run comes from.
@@ -103,8 +111,8 @@ void check_solvers(const std::vector<const Solver*>& solvers, const CameraSource
   }
 }
 
-/// The solvers that poses.csv was written for, so that a report tells of the same ones; all if
-/// there is none.
+/// The solvers that poses.csv was written for, so that a report tells of the same ones; none if
+/// there is no such file.
 std::vector<const Solver*> stored_solvers(const RunFolder& folder) {
   std::vector<const Solver*> solvers;
   if (!fs::exists(folder.poses())) return solvers;
@@ -162,9 +170,21 @@ std::optional<CalibrationSet> sweep_behind(const Calibration& calibration, const
   return sweep_set(record, folder, rig);
 }
 
-/// Evaluates a run and writes everything after the images. @return exit code.
+/// Of a run that is there already, from its stored points.
+CameraComparison stored_comparison(const RunFolder& folder) {
+  const RunRecord record = read_run(folder);
+  const RigFile rig = parse_rig_file(record.plan.rig.text, record.plan.rig.file, folder.root());
+  const Calibration calibration = load_calibration(folder.calibration());
+  EvaluateOptions options;
+  options.solvers = {&default_solver()};  // for the points
+  options.spots = SpotSource::kJournal;
+  return compare_cameras(evaluate(record, folder, rig, calibration, options), rig, calibration);
+}
+
+/// Evaluates a run and writes everything after the images.
+/// @param beside runs whose cameras are set beside this one's. @return exit code.
 int finish(const RunFolder& folder, const std::optional<Calibration>& loaded,
-           const std::vector<const Solver*>& solvers, SpotSource spots, bool rewrite) {
+           EvaluateOptions options, bool rewrite, const std::vector<RunFolder>& beside = {}) {
   const RunRecord record = read_run(folder);
   const RigFile rig = parse_rig_file(record.plan.rig.text, record.plan.rig.file, folder.root());
   if (record.torn) spdlog::warn("{}: {}", folder.journal().string(), *record.torn);
@@ -188,16 +208,15 @@ int finish(const RunFolder& folder, const std::optional<Calibration>& loaded,
   Evaluation evaluation;
   {
     ProgressLine line("evaluating");
-    EvaluateOptions options;
-    options.solvers = solvers;
-    options.spots = spots;
     options.progress = [&](std::size_t done, std::size_t total) {
       line.update(done, total, "poses");
     };
     evaluation = evaluate(record, folder, rig, calibration, options);
   }
   if (rewrite) write_poses_csv(evaluation, record.plan, folder.poses());
-  const fs::path report = write_report(folder, record, rig, calibration, set, evaluation);
+  std::vector<CameraComparison> cameras{compare_cameras(evaluation, rig, calibration)};
+  for (const RunFolder& other : beside) cameras.push_back(stored_comparison(other));
+  const fs::path report = write_report(folder, record, rig, calibration, set, evaluation, cameras);
 
   for (const PlaneResidual& p : calibration.planes)
     fmt::print("camera: plane {:8.3f} mm ({}): residual {:.4f} mm rms, {:.4f} mm max, {} circles\n",
@@ -273,16 +292,21 @@ int plan_command(const PlanArguments& a) {
 int run_command(const RunArguments& a) {
   const RigFile rig_file = load_rig_file(a.rig);
   Campaign campaign = load_campaign(a.scenario);
-  const std::vector<const Solver*> solvers = solvers_named(a.solvers);
+  const EvaluateOptions options = solvers_named(a.solvers);
   const CameraSource camera = provide_calibration(campaign, rig_file, a.calibration);
   const ArchiveMode archive = archive_mode_from_name(a.images);
+  std::vector<RunFolder> beside;
+  for (const fs::path& other : a.beside) {
+    beside.push_back(RunFolder::open(other));
+    (void)load_calibration(beside.back().calibration());  // now, not after a night
+  }
   const Plan plan = plan_campaign(campaign, rig_file);
   if (archive == ArchiveMode::kNone && !camera.loaded && has_calibration_sweep(plan))
     throw ConfigError(
         "--images", "",
         "found \"none\", allowed with a calibration sweep: regions, full. The pattern's "
         "images are what the camera is calibrated from.");
-  check_solvers(solvers, camera, plan);
+  check_solvers(options.solvers, camera, plan);
   const fs::path root = a.out.empty() ? RunFolder::default_root(plan.name) : a.out;
   const PlanReport report = check_plan(plan, rig_file, {archive, root});
   fmt::print("{}", plan_summary(plan, report));
@@ -297,7 +321,7 @@ int run_command(const RunArguments& a) {
   fmt::print("{} poses taken: {} on the rig's clock, {} by the wall\n", summary.poses,
              duration_text(summary.rig_s), duration_text(summary.wall_s));
   try {
-    const int code = finish(folder, camera.loaded, solvers, SpotSource::kImages, true);
+    const int code = finish(folder, camera.loaded, options, true, beside);
     return code == kDone && summary.failed > 0 ? kFailedPoses : code;
   } catch (const Interrupted&) {
     throw;
@@ -317,7 +341,7 @@ int evaluate_command(const EvaluateArguments& a) {
   const RunFolder folder = RunFolder::open(a.run);
   std::optional<Calibration> loaded;
   if (!a.calibration.empty()) loaded = load_calibration(a.calibration);
-  return finish(folder, loaded, solvers_named(a.solvers), SpotSource::kImages, true);
+  return finish(folder, loaded, solvers_named(a.solvers), true);
 }
 
 int report_command(const std::vector<fs::path>& runs) {
@@ -326,8 +350,13 @@ int report_command(const std::vector<fs::path>& runs) {
     const RunFolder folder = RunFolder::open(run);
     std::optional<Calibration> stored;
     if (fs::exists(folder.calibration())) stored = load_calibration(folder.calibration());
-    code =
-        std::max(code, finish(folder, stored, stored_solvers(folder), SpotSource::kJournal, false));
+    EvaluateOptions options;
+    options.solvers = stored_solvers(folder);
+    options.spots = SpotSource::kJournal;
+    std::vector<RunFolder> beside;
+    for (const fs::path& other : runs)
+      if (&run == &runs.front() && &other != &run) beside.push_back(RunFolder::open(other));
+    code = std::max(code, finish(folder, stored, std::move(options), false, beside));
   }
   return code;
 }

@@ -2,6 +2,7 @@
 // turns into one.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -29,6 +30,7 @@ int plan_command(const PlanArguments& a);
 struct RunArguments {
   std::filesystem::path scenario, rig, out, calibration, wire_log;
   std::vector<std::string> solvers;
+  std::vector<std::filesystem::path> beside;  ///< earlier runs whose cameras the report sets beside
   std::string images = "regions";
   bool dry_run = false, configure = false, assume_mounted = false;
   double speed = 1.0;
@@ -51,6 +53,15 @@ struct EvaluateArguments {
 int evaluate_command(const EvaluateArguments& a);
 
 int report_command(const std::vector<std::filesystem::path>& runs);
+
+struct StudyArguments {
+  std::filesystem::path target, out;
+  std::vector<std::string> solvers;
+  std::size_t poses = 10000;
+  std::uint64_t seed = 1;
+  double focal_px = 1945.0, distance_mm = 550.0;
+};
+int study_command(const StudyArguments& a);
 
 // ---- the rig by hand (rig_commands.cpp)
 

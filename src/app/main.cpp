@@ -87,8 +87,9 @@ int main(int argc, char** argv) {
   int code = kDone;
   const auto solver_names = [] {
     std::string names;
-    for (const Solver& s : kSolvers) names += (names.empty() ? "" : ", ") + std::string(s.name);
-    return names;
+    for (const Solver& s : kSolvers)
+      names += (names.empty() ? "" : ", ") + std::string(s.name) + (s.by_default ? "*" : "");
+    return names + " (* = where none is named)";
   }();
   const std::string image_modes =
       "what to archive of LED images: full, regions (spots with a margin), none";
@@ -149,9 +150,12 @@ int main(int argc, char** argv) {
   run_verb->add_option("scenario", run.scenario, "scenario or campaign file")->required();
   run_verb->add_option("--rig", run.rig, "rig file")->required();
   run_verb->add_option("--out", run.out, "run folder (default: results/runs/<UTC>-<name>)");
-  run_verb->add_option("--solver", run.solvers, "solvers to report (default: all): " + solver_names)
+  run_verb->add_option("--solver", run.solvers, "solvers to report: all, or of " + solver_names)
       ->delimiter(',');
   run_verb->add_option("--calibration", run.calibration, "camera calibration instead of a sweep");
+  run_verb->add_option("--beside", run.beside,
+                       "earlier run, such as one with another lens: the report sets its table of "
+                       "cameras and solvers beside this one's");
   run_verb->add_option("--images", run.images, image_modes)->capture_default_str();
   run_verb->add_option("--wire-log", run.wire_log, "append every byte on every line to this file");
   run_verb
@@ -176,8 +180,7 @@ int main(int argc, char** argv) {
       "evaluate", "Make everything after the images again: calibration, poses.csv, tables, report");
   evaluate_verb->add_option("run", evaluate.run, "run folder")->required();
   evaluate_verb
-      ->add_option("--solver", evaluate.solvers,
-                   "solvers to report (default: all): " + solver_names)
+      ->add_option("--solver", evaluate.solvers, "solvers to report: all, or of " + solver_names)
       ->delimiter(',');
   evaluate_verb->add_option("--calibration", evaluate.calibration, "another camera calibration");
   evaluate_verb->footer(
@@ -188,9 +191,45 @@ int main(int argc, char** argv) {
   std::vector<std::filesystem::path> reports;
   auto* report_verb =
       app.add_subcommand("report", "Write tables, figures and report.md again from stored points");
-  report_verb->add_option("runs", reports, "run folders")->required();
+  report_verb
+      ->add_option("runs", reports,
+                   "run folders; the first one's table of cameras and solvers has the others' "
+                   "beside it")
+      ->required();
   report_verb->footer("Example:\n  turntable report results/runs/20260131T120000Z-quick");
   report_verb->callback([&] { code = guarded([&] { return report_command(reports); }); });
+
+  StudyArguments study;
+  auto* study_verb = app.add_subcommand(
+      "study", "How good the solvers are for a target and a camera, on synthetic points; no rig");
+  study_verb->add_option("--target", study.target,
+                         "rig file whose target is studied (default: the published target, and two "
+                         "more to compare with)");
+  study_verb->add_option("--focal", study.focal_px, "focal length, px")
+      ->check(CLI::Range(10.0, 1e6))
+      ->capture_default_str();
+  study_verb->add_option("--distance", study.distance_mm, "camera to target, mm")
+      ->check(CLI::Range(1.0, 1e6))
+      ->capture_default_str();
+  study_verb->add_option("--poses", study.poses, "per row of the noise study")
+      ->check(CLI::Range(40, 1000000))
+      ->capture_default_str();
+  study_verb->add_option("--seed", study.seed, "of poses and noise")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  study_verb
+      ->add_option("--solver", study.solvers,
+                   "solvers to study, named as for evaluate (default: all but those on raw pixels, "
+                   "which equal the undistorted ones here)")
+      ->delimiter(',');
+  study_verb->add_option(
+      "--out", study.out,
+      "folder for study.md, tables, figures (default: results/studies/<target>)");
+  study_verb->footer(
+      "Examples:\n  turntable study\n"
+      "  turntable study --target scenarios/rigs/lab_example.json --distance 800 --poses 2000\n"
+      "  turntable study --solver ml_ray,aopit_ray --seed 7 --out results/studies/two");
+  study_verb->callback([&] { code = guarded([&] { return study_command(study); }); });
 
   DevicesArguments devices;
   auto* devices_verb = app.add_subcommand(

@@ -14,13 +14,11 @@ namespace {
 
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 
-/// Of the start: its error is then far below what the first step corrects.
-constexpr double kStartTolerance = 1e-3;
+/// Of the start, mm: a step corrects more than what is then left.
+constexpr double kStartTolerance = 0.05;
 constexpr double kMinPivot = 1e-14;
-/// Squared: four standard deviations between the best pose and a rival.
-constexpr double kMargin = 16.0;
-/// Two refinements that end this near each other are one pose, rad.
-constexpr double kSamePose = 1e-5;
+/// Of chi^2: the step to it is a three-thousandth of a standard deviation.
+constexpr double kSmallGain = 1e-7;
 
 /// What a pose comes to: chi^2, its gradient and N, in (delta radius, T), all mm.
 struct Normal {
@@ -35,7 +33,8 @@ class Refinement {
       : n_(target.size()),
         a_(observation.planes.a_mm),
         radius_(target.radius_mm()),
-        height_undefined_(height_undefined) {
+        height_undefined_(height_undefined),
+        stated_(!observation.spreads.empty()) {
     for (int t = 0; t < n_; ++t) {
       const auto i = static_cast<std::size_t>(t);
       sighted_[i] = Sighted(observation.rays[i],
@@ -60,20 +59,26 @@ class Refinement {
       const Vector3d q = pose.R * p_[index], X = q + pose.T;
       const RayResidual residual = sighted_[index].residual(X, X.z() - a_);
       const Vector3d lever = q / radius_;
-      for (Eigen::Index row = 0; row < 2; ++row) {
-        const Vector3d x = residual.row(row);  // d r / d X
-        const Vector3d d = lever.cross(x);
-        const double r = residual.r(row);
-        dd.noalias() += d * d.transpose();
-        td.noalias() += x * d.transpose();
-        tt.noalias() += x * x.transpose();
-        gd += r * d;
-        gt += r * x;
-      }
+      // J = [lever x x, x] for the rows x of d r / d X: everything follows from sum x x^T by cross
+      // products.
+      const Vector3d x_0 = residual.row(0), x_1 = residual.row(1);
+      const Matrix3d xx = x_0 * x_0.transpose() + x_1 * x_1.transpose();
+      Matrix3d xd;
+      for (Eigen::Index i = 0; i < 3; ++i) xd.row(i) = lever.cross(xx.col(i)).transpose();
+      for (Eigen::Index i = 0; i < 3; ++i) dd.col(i) += lever.cross(xd.col(i));
+      td += xd;
+      tt += xx;
+      const Vector3d force = residual.r(0) * x_0 + residual.r(1) * x_1;
+      gd += lever.cross(force);
+      gt += force;
       out.chi2 += residual.r.squaredNorm();
     }
-    out.N << dd, td.transpose(), td, tt;
-    out.gradient << gd, gt;
+    out.N.topLeftCorner<3, 3>() = dd;
+    out.N.bottomLeftCorner<3, 3>() = td;
+    out.N.topRightCorner<3, 3>() = td.transpose();
+    out.N.bottomRightCorner<3, 3>() = tt;
+    out.gradient.head<3>() = gd;
+    out.gradient.tail<3>() = gt;
     // Parallel rays know nothing of T_z, nearly parallel ones let it serve as a scale.
     if (height_undefined_) out.N(5, 5) += 1e1 * kMinPivot * out.N(4, 4);
     return out;
@@ -94,7 +99,8 @@ class Refinement {
                     pose.T + step.tail<3>()};
       const Normal then = normal(trial);
       if (!std::isfinite(then.chi2)) return SolveStatus::kDegenerate;
-      const bool last = step.head<3>().norm() < options.tolerance;
+      const bool last = step.head<3>().norm() < options.tolerance ||
+                        (stated_ && damping == 0.0 && -step.dot(at.gradient) < kSmallGain);
       if (then.chi2 <= at.chi2 || last) {
         // Rounding may make the last step's chi^2 larger.
         pose = trial;
@@ -118,7 +124,18 @@ class Refinement {
   Matrix6d covariance(const Normal& at) const {
     const Eigen::LLT<Matrix6d> factor(at.N);
     if (!determined(factor)) return Matrix6d::Constant(Solution::kNaN);
-    Matrix6d covariance = factor.solve(Matrix6d::Identity());
+    // N = L L^T, N^-1 = K^T K with K = L^-1, a column at a time.
+    const auto& L = factor.matrixLLT();
+    Matrix6d K = Matrix6d::Zero();
+    for (Eigen::Index j = 0; j < 6; ++j) {
+      K(j, j) = 1.0 / L(j, j);
+      for (Eigen::Index i = j + 1; i < 6; ++i) {
+        double sum = 0.0;
+        for (Eigen::Index k = j; k < i; ++k) sum += L(i, k) * K(k, j);
+        K(i, j) = -sum / L(i, i);
+      }
+    }
+    Matrix6d covariance = K.transpose().lazyProduct(K);
     covariance.topRows<3>() /= radius_;
     covariance.leftCols<3>() /= radius_;
     if (height_undefined_) {
@@ -131,7 +148,7 @@ class Refinement {
  private:
   int n_;
   double a_, radius_;
-  bool height_undefined_;
+  bool height_undefined_, stated_;
   std::uint32_t left_out_ = 0;
   std::array<Sighted, kMaxTargetPoints> sighted_;
   std::array<Vector3d, kMaxTargetPoints> p_;  ///< M0Mt, mm
@@ -184,10 +201,6 @@ double residual_mm(const TargetModel& target, const Observation& observation, co
   return std::sqrt(sum / count);
 }
 
-bool ambiguous(double best, double rival, double dof, bool stated) {
-  return stated ? rival - best < kMargin * std::max(1.0, best / dof) : rival < kMargin * best;
-}
-
 }  // namespace
 
 Solution solve_ml_ray(const TargetModel& target, const Observation& observation,
@@ -204,32 +217,23 @@ Solution solve_ml_ray(const TargetModel& target, const Observation& observation,
   if (start.count == 0) return solution;
 
   Refinement refinement(target, observation, start.height_undefined());
-  RayPose pose;
-  Normal at;
-  std::array<RayPose, 2> ends;
+  std::array<RayEnd, 2> ends;
   std::array<Normal, 2> normals;
-  std::array<SolveStatus, 2> statuses{};
-  for (int c = 0; c < start.count; ++c) {
-    const auto k = static_cast<std::size_t>(c);
-    ends[k] = start.poses[k];
-    statuses[k] = refinement.refine(ends[k], normals[k], options, solution.iterations);
+  for (std::size_t c = 0; c < static_cast<std::size_t>(start.count); ++c) {
+    ends[c].pose = start.poses[c];
+    int passes = start.iterations;  // a start has max_iterations of its own
+    ends[c].status = refinement.refine(ends[c].pose, normals[c], options, passes);
+    solution.iterations += passes - start.iterations;
+    ends[c].misfit = normals[c].chi2;
   }
-  std::size_t best = 0;
-  if (start.count == 2 &&
-      (statuses[0] != SolveStatus::kConverged ||
-       (statuses[1] == SolveStatus::kConverged && normals[1].chi2 < normals[0].chi2)))
-    best = 1;
-  solution.status = statuses[best];
-  pose = ends[best];
-  at = normals[best];
-  if (start.count == 2 && statuses[1 - best] == SolveStatus::kConverged &&
-      geodesic_angle(pose.R, ends[1 - best].R) > kSamePose) {
-    const RayPose& other = ends[1 - best];
+  const Ranking ranking =
+      rank(ends, start.count, stated ? 2.0 * target.size() - refinement.unknowns() : 0.0);
+  solution.status = ranking.status;
+  RayPose pose = ends[ranking.best].pose;
+  Normal at = normals[ranking.best];
+  if (ranking.has_rival) {
+    const RayPose& other = ends[1 - ranking.best].pose;
     solution.rival = Rival{other.R, other.T, residual_mm(target, observation, other, refinement)};
-    if (solution.status == SolveStatus::kConverged &&
-        ambiguous(at.chi2, normals[1 - best].chi2, 2.0 * target.size() - refinement.unknowns(),
-                  stated))
-      solution.status = SolveStatus::kAmbiguous;
   }
   if (options.robust && stated && solution.status == SolveStatus::kConverged) {
     drop_outliers(refinement, target, options, pose, at, solution.iterations);

@@ -12,8 +12,9 @@
 //   S_t(z)  -> observation.spreads[t].at(z), 2 x 2, mm per standard deviation. Without spreads it is
 //              a perpendicular miss of 1 mm; chi^2 and the covariance are then not stated
 //   delta   -> left perturbation, rad, plane frame      T -> position_mm, origin of M0, mm
-// Stop when |delta| radius < tolerance (mm); this step is taken, so that what is left is about a
-// thousandth of it.
+// Stop when |delta| radius < tolerance (mm), or, with spreads, when a step makes chi^2 smaller by less
+// than 1e-7, a three-thousandth of a standard deviation; this step is taken, so that what is left is
+// about a hundredth of it. Each start has max_iterations of its own.
 //
 // Points in a plane: both poses of start_on_rays are refined, the one of smaller chi^2 is the answer,
 // the other one its rival. It is kAmbiguous if chi^2 of the two differ by less than

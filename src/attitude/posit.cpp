@@ -4,24 +4,13 @@
 #include <array>
 #include <cmath>
 
+#include "src/attitude/reprojection.h"
+
 namespace turntable {
 namespace {
 
 // Image smaller than this many radians: nothing to measure.
 constexpr double kMinImage = 1e-9;
-
-double reprojection_rms(const TargetModel& target, const Observation& observation,
-                        const Solution& solution) {
-  double sum = 0.0;
-  for (int t = 0; t < target.size(); ++t) {
-    const Vector3d point =
-        solution.R * (target.points().col(t) - target.points().col(0)) + solution.position_mm;
-    if (!(point.z() > 0.0)) return Solution::kNaN;
-    sum += (point.head<2>() / point.z() - observation.normalised[static_cast<std::size_t>(t)])
-               .squaredNorm();
-  }
-  return std::sqrt(sum / target.size());
-}
 
 }  // namespace
 
@@ -81,7 +70,7 @@ Solution solve_posit(const TargetModel& target, const Observation& observation,
   solution.rows_ijk << i.transpose(), j.transpose(), k.transpose();
   solution.R = nearest_rotation_from_rows(i, j);
   solution.position_mm << x[0] * z0, z0;
-  solution.residual = reprojection_rms(target, observation, solution);
+  solution.residual = reprojection_rms(target, x, solution.R, solution.position_mm);
   if (!(k.norm() > kMinSine) || !solution.R.allFinite() || !std::isfinite(solution.residual))
     solution.status = SolveStatus::kDegenerate;
   return solution;

@@ -9,14 +9,21 @@
 namespace turntable {
 namespace {
 
+/// Squared: four standard deviations between the best pose and a rival.
+constexpr double kMargin = 16.0;
+/// Two refinements that end this near each other are one pose, rad.
+constexpr double kSamePose = 1e-5;
+
 RayStart planar_start(const TargetModel& target, const Observation& observation) {
   RayStart start;
   RayBundle bundle;
   if (!make_bundle(target, observation, bundle)) return start;
   const TargetModel::Columns& H = target.pseudo_inverse();
   Vector3d I = Vector3d::Zero(), J = Vector3d::Zero(), I1 = I, J1 = J;
+  const Vector3d& n = target.normal();
   for (int t = 0; t < bundle.count; ++t) {
-    const auto h = H.col(t);
+    // Of a flat target too what its plane alone tells: (1 - n n^T) H is the rank-2 pseudo-inverse.
+    const Vector3d h = H.col(t) - n.dot(H.col(t)) * n;
     const Vector2d d = bundle.d_a[static_cast<std::size_t>(t)];
     const Vector2d opening = bundle.g[static_cast<std::size_t>(t)] - bundle.g_0;
     I += h * d.x();
@@ -35,7 +42,6 @@ RayStart planar_start(const TargetModel& target, const Observation& observation)
   const double distance = parallel ? 0.0 : -(I.dot(I1) + J.dot(J1)) / slopes;
   const double w = parallel ? 0.0 : distance * (1.0 - 1.0 / s);
 
-  const Vector3d& n = target.normal();
   const double alpha = std::sqrt(std::max(0.0, 1.0 - II / s2));
   const double beta = std::copysign(std::sqrt(std::max(0.0, 1.0 - JJ / s2)), -IJ);
   for (const double sign : {1.0, -1.0}) {
@@ -64,8 +70,17 @@ RayStart start_on_rays(const TargetModel& target, const Observation& observation
       start = {SolveStatus::kNotConverged, 0, {}, 0};
     return start;
   }
-  const Solution s = solve_aopit_ray(target, observation, {tolerance_mm, max_iterations});
+  // On flat targets the iteration creeps, swings between two ends or runs away.
+  const bool flat = target.thickness() < 0.15;
+  constexpr int kFlatPasses = 50;
+  const int passes = flat ? std::min(max_iterations, kFlatPasses) : max_iterations;
+  const Solution s = solve_aopit_ray(target, observation, {tolerance_mm, passes});
   RayStart start;
+  if (flat && !s.has_attitude() && max_iterations > kFlatPasses) {
+    start = planar_start(target, observation);
+    start.iterations += s.iterations;
+    return start;
+  }
   start.status = s.status;
   start.iterations = s.iterations;
   if (!s.has_attitude()) return start;
@@ -73,6 +88,26 @@ RayStart start_on_rays(const TargetModel& target, const Observation& observation
   start.poses[0] = {s.R, s.position_mm};
   if (start.height_undefined()) start.poses[0].T.z() = observation.planes.a_mm;
   return start;
+}
+
+Ranking rank(const std::array<RayEnd, 2>& ends, int count, double dof) {
+  const auto converged = [&](std::size_t c) { return ends[c].status == SolveStatus::kConverged; };
+  Ranking ranking;
+  if (count == 2 &&
+      (ends[0].status == SolveStatus::kDegenerate ||
+       (ends[1].status != SolveStatus::kDegenerate && ends[1].misfit < ends[0].misfit)))
+    ranking.best = 1;
+  const RayEnd& best = ends[ranking.best];
+  const RayEnd& other = ends[1 - ranking.best];
+  ranking.status = best.status;
+  ranking.has_rival = count == 2 && converged(1 - ranking.best) &&
+                      geodesic_angle(best.pose.R, other.pose.R) > kSamePose;
+  const bool told_apart =
+      dof > 0.0 ? other.misfit - best.misfit >= kMargin * std::max(1.0, best.misfit / dof)
+                : other.misfit >= kMargin * best.misfit;
+  if (ranking.has_rival && best.status == SolveStatus::kConverged && !told_apart)
+    ranking.status = SolveStatus::kAmbiguous;
+  return ranking;
 }
 
 }  // namespace turntable

@@ -1,5 +1,6 @@
 // Where refinements on rays start from.
-//   points in space    the pose of aopit_ray, one
+//   points in space    the pose of aopit_ray, one; where that does not converge and the target is flat
+//                      (thickness below 0.15), as if its points lay in the plane that fits them:
 //   points in a plane  scaled orthography along the rays, two: with H of rank 2 the rows are known but
 //                      for their parts along the plane's normal n,
 //                        i = I + alpha n,  j = J + beta n,  alpha^2 = 1 - |I|^2,  beta^2 = 1 - |J|^2,
@@ -11,7 +12,8 @@
 //   d   -> bundle.d_a, 2-vectors from M0's ray on plane a, mm
 //   s   -> separation on plane a over that at M0's height, 1; from it and the opening of the bundle,
 //          its height
-// Domain: as aopit_ray; planes not seen edge-on. A start need not be near: the refinement decides.
+// Of a flat target (1 - n n^T) H stands for H. Domain: as aopit_ray; planes not seen edge-on. A start need
+// not be near: the refinement decides.
 #pragma once
 
 #include <array>
@@ -39,5 +41,26 @@ struct RayStart {
 /// @param tolerance_mm of the iteration of aopit_ray.
 RayStart start_on_rays(const TargetModel& target, const Observation& observation,
                        double tolerance_mm, int max_iterations);
+
+/// Where the refinement of a start ended.
+struct RayEnd {
+  RayPose pose;
+  double misfit = Solution::kNaN;  ///< what was minimised: chi^2, or a sum of squares
+  SolveStatus status = SolveStatus::kDegenerate;
+};
+
+struct Ranking {
+  std::size_t best = 0;
+  bool has_rival = false;  ///< the other end converged too, to another attitude
+  /// Of the best; kAmbiguous if it converged and the rival explains the sightings nearly as well.
+  SolveStatus status = SolveStatus::kDegenerate;
+};
+
+/// Which of one or two ends is the answer: the one of smaller misfit that is not degenerate. If it did
+/// not converge, the other one is no answer either: it explains the sightings worse. They tell the attitude apart if their misfits differ by 16 max(1, best / dof): four
+/// standard deviations, of the noise stated or, if the misfit shows more, of that.
+/// @param dof degrees of freedom of chi^2; 0 if the noise is not known and the misfit any sum of
+/// squares: then by a factor of 16 (of four in its root).
+Ranking rank(const std::array<RayEnd, 2>& ends, int count, double dof = 0.0);
 
 }  // namespace turntable

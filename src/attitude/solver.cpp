@@ -7,7 +7,10 @@
 #include "src/attitude/aopit.h"
 #include "src/attitude/aopit_ray.h"
 #include "src/attitude/ml_ray.h"
+#include "src/attitude/oi_ray.h"
+#include "src/attitude/opencv_pnp.h"
 #include "src/attitude/posit.h"
+#include "src/attitude/prsoi.h"
 #include "src/core/parallel.h"
 
 namespace turntable {
@@ -20,8 +23,9 @@ constexpr std::string_view kGuo =
 // Stop criteria: relative to Z0 on a pinhole, mm on rays.
 constexpr SolveOptions kRelative{1e-9, 200};
 constexpr SolveOptions kLength{1e-8, 200};
-
-constexpr SolveOptions kLastStep{1e-5, 200};  // mm, of a step that is still taken
+constexpr SolveOptions kStillToCome{1e-8, 3000};  // mm, of all steps that would follow
+constexpr SolveOptions kLastStep{1e-5, 200};      // mm, of a step that is still taken
+constexpr std::string_view kTheirs = "none";      // peers stop by their own rules
 
 // Traits at the end of a row.
 constexpr bool kCoplanar = true, kByDefault = true, kPeer = true;
@@ -38,6 +42,16 @@ constexpr std::array kTable{
            solve_aopit_ray, kLength, "mm", "extension of Guo et al. 2019 to any ray bundle", !kCoplanar, kByDefault},
     Solver{"ml_ray", "maximum likelihood on rays", Sight::kRays,
            solve_ml_ray, kLastStep, "mm", "Gauss-Newton from aopit_ray", kCoplanar, kByDefault},
+    Solver{"oi_ray", "orthogonal iteration on rays", Sight::kRays,
+           solve_oi_ray, kStillToCome, "mm", "Lu, Hager & Mjolsness, IEEE TPAMI 22 (2000) 610-622, on rays", kCoplanar},
+    Solver{"prsoi", "scaled orthography on rays", Sight::kRays,
+           solve_prsoi, kLength, "mm", "after Sun et al., PLoS ONE 10(7) (2015) e0134029"},
+    Solver{"opencv_sqpnp", "OpenCV, SQPNP", Sight::kPinholeUndistorted,
+           solve_opencv_sqpnp, {}, kTheirs, "Terzakis & Lourakis, ECCV 2020, 478-494", kCoplanar, !kByDefault, kPeer},
+    Solver{"opencv_epnp", "OpenCV, EPnP", Sight::kPinholeUndistorted,
+           solve_opencv_epnp, {}, kTheirs, "Lepetit et al., IJCV 81 (2009) 155-166", !kCoplanar, !kByDefault, kPeer},
+    Solver{"opencv_iterative", "OpenCV, AP3P and iterative", Sight::kPinholeUndistorted,
+           solve_opencv_iterative, {}, kTheirs, "Ke & Roumeliotis, CVPR 2017; Levenberg-Marquardt", kCoplanar, !kByDefault, kPeer},
 };
 // clang-format on
 

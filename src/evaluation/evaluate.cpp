@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <atomic>
 #include <cmath>
 #include <limits>
@@ -13,6 +12,7 @@
 #include "src/core/errors.h"
 #include "src/core/parallel.h"
 #include "src/core/units.h"
+#include "src/evaluation/attitude_sensor.h"
 #include "src/record/csv.h"
 #include "src/vision/matching.h"
 #include "src/vision/spots.h"
@@ -44,8 +44,18 @@ double smallest_distance(const std::vector<Vector3d>& points) {
   return smallest;
 }
 
-std::vector<Vector2d> spot_centres(const TakenImage& taken, const Setting& s) {
-  std::vector<Vector2d> centres;
+/// Spots of one image.
+struct Seen {
+  std::vector<Vector2d> centres_px;
+  std::vector<double> sigmas_px;  ///< 0 = not stated
+};
+
+Seen spots_of(const TakenImage& taken, const Setting& s) {
+  Seen seen;
+  const auto add = [&](const Vector2d& centre_px, double sigma_px) {
+    seen.centres_px.push_back(centre_px);
+    seen.sigmas_px.push_back(sigma_px);
+  };
   if (s.options.spots == SpotSource::kImages && !taken.file.empty()) {
     const Image image = load_image(s.folder, taken);
     if (image.size() != s.calibration.irt.image_size())
@@ -58,106 +68,64 @@ std::vector<Vector2d> spot_centres(const TakenImage& taken, const Setting& s) {
               s.calibration.irt.image_size().height));
     const SpotSearch search =
         find_spots(image, {.electrons_per_grey = s.rig.camera.electrons_per_grey});
-    for (const Spot& spot : search.spots) centres.push_back(spot.centre_px);
+    for (const Spot& spot : search.spots) add(spot.centre_px, spot.sigma_px);
   } else if (taken.spots) {
-    for (const TakenSpot& spot : *taken.spots) centres.emplace_back(spot.u_px, spot.v_px);
+    for (const TakenSpot& spot : *taken.spots) add({spot.u_px, spot.v_px}, spot.sigma_px);
   }
-  return centres;
+  return seen;
 }
 
+/// The LEDs of one pose, in the target's order.
+struct Sighting {
+  std::vector<Vector2d> points_px;
+  std::vector<Eigen::Matrix2d> covariances_px2;  ///< none if one of the spots states none
+};
+
 /// Spot of every LED, averaged over the images of the pose in which all were matched.
-std::optional<std::vector<Vector2d>> matched_points(const TakenPose& pose, const Setting& s,
-                                                    EvaluatedPose& out, std::string& status) {
+std::optional<Sighting> sighted(const TakenPose& pose, const Setting& s, EvaluatedPose& out,
+                                std::string& status) {
   const Matrix3d R = s.gimbal.rotation(pose.angles());
   const Vector3d origin = s.gimbal.centre_mm(pose.stage.position) + R * s.rig.target.offset_mm;
   std::vector<Vector3d> predicted;
   for (const Vector3d& p : s.rig.target.points_mm) predicted.push_back(R * p + origin);
 
-  std::vector<Vector2d> sum(predicted.size(), Vector2d::Zero());
+  Sighting sum;
+  sum.points_px.assign(predicted.size(), Vector2d::Zero());
+  std::vector<double> variances_px2(predicted.size(), 0.0);
+  bool stated = true;
   int used = 0;
   for (std::size_t k = 0; k < pose.images.size(); ++k) {
-    const std::vector<Vector2d> centres = spot_centres(pose.images[k], s);
-    if (k == 0) out.spots = static_cast<int>(centres.size());
+    const Seen seen = spots_of(pose.images[k], s);
+    if (k == 0) out.spots = static_cast<int>(seen.centres_px.size());
     std::vector<Ray> rays;
-    for (const Vector2d& c : centres) rays.push_back(s.calibration.irt.ray(c));
+    for (const Vector2d& c : seen.centres_px) rays.push_back(s.calibration.irt.ray(c));
     const Match match = match_to_prediction(predicted, rays, s.calibration.irt.planes(), s.gate_mm);
     status = match_status_name(match.status);
     if (match.status != MatchStatus::kMatched) continue;
-    for (std::size_t i = 0; i < sum.size(); ++i)
-      sum[i] += centres[static_cast<std::size_t>(match.ray_of_point[i])];
+    for (std::size_t i = 0; i < predicted.size(); ++i) {
+      const auto spot = static_cast<std::size_t>(match.ray_of_point[i]);
+      sum.points_px[i] += seen.centres_px[spot];
+      variances_px2[i] += seen.sigmas_px[spot] * seen.sigmas_px[spot];
+      stated = stated && seen.sigmas_px[spot] > 0.0;
+    }
     ++used;
   }
   if (used == 0) return std::nullopt;
-  for (Vector2d& p : sum) p /= used;
+  for (Vector2d& p : sum.points_px) p /= used;
+  if (stated)
+    for (const double variance : variances_px2)
+      sum.covariances_px2.push_back(variance / (used * used) * Eigen::Matrix2d::Identity());
   return sum;
-}
-
-/// Attitude in the plane frame by one solver.
-struct Attitude {
-  std::optional<Matrix3d> R_plane_from_target;
-  std::string status;
-  int iterations = 0;
-  double residual = 0.0;
-};
-
-/// The model through which a pinhole sight looks; nullptr if the camera has none, or for rays.
-const CentralModel* central_of(const Calibration& c, Sight sight) {
-  switch (sight) {
-    case Sight::kRays:
-      return nullptr;
-    case Sight::kPinholeRaw:
-      return c.find_central("pinhole");
-    case Sight::kPinholeUndistorted:
-      return c.undistorting();
-  }
-  return nullptr;
-}
-
-Attitude solve(const Solver& solver, const std::vector<Vector2d>& points_px, const Setting& s) {
-  Observation observation;
-  std::array<Ray, kMaxTargetPoints> rays;
-  std::array<Vector2d, kMaxTargetPoints> normalised;
-  const CentralModel* pinhole = central_of(s.calibration, solver.sight);
-  if (solver.sight == Sight::kRays) {
-    for (std::size_t i = 0; i < points_px.size(); ++i)
-      rays[i] = s.calibration.irt.ray(points_px[i]);
-    observation.rays = std::span(rays).first(points_px.size());
-    observation.planes = s.calibration.irt.planes();
-  } else {
-    for (std::size_t i = 0; i < points_px.size(); ++i)
-      normalised[i] = pinhole->normalise(points_px[i]);
-    observation.normalised = std::span(normalised).first(points_px.size());
-  }
-  const Solution solution = solver(s.target, observation);
-  Attitude out;
-  out.status = status_name(solution.status);
-  out.iterations = solution.iterations;
-  out.residual = pinhole ? solution.residual * pinhole->fx : solution.residual;
-  if (solution.has_attitude())
-    out.R_plane_from_target = pinhole ? pinhole->R_plane_from_camera * solution.R : solution.R;
-  return out;
-}
-
-bool can_serve(const Calibration& c, const Solver& solver) {
-  return solver.sight == Sight::kRays || central_of(c, solver.sight);
 }
 
 std::vector<const Solver*> chosen_solvers(const Calibration& calibration,
                                           const EvaluateOptions& options) {
-  std::vector<const Solver*> chosen = options.solvers;
-  if (chosen.empty()) {
-    for (const Solver& solver : kSolvers)
-      if (can_serve(calibration, solver)) chosen.push_back(&solver);
-    return chosen;
-  }
-  for (const Solver* solver : chosen)
-    if (!can_serve(calibration, *solver))
-      throw ConfigError(
-          calibration.source, "",
-          fmt::format(
-              "solver {} needs a pinhole calibration, which this camera file does not have. "
-              "Choose a ray solver or calibrate with tilted views.",
-              solver->name));
+  if (!options.solvers.empty()) return options.solvers;
+  std::vector<const Solver*> chosen;
+  for (const Solver& solver : kSolvers)
+    if ((solver.by_default || options.all_solvers) &&
+        AttitudeSensor::can_serve(calibration, solver))
+      chosen.push_back(&solver);
   return chosen;
 }
 
@@ -174,6 +142,9 @@ Evaluation evaluate(const RunRecord& record, const RunFolder& folder, const RigF
                         0.25 * smallest_distance(rig.target.points_mm)};
   Evaluation evaluation;
   evaluation.solvers = chosen_solvers(calibration, options);
+  std::vector<AttitudeSensor> sensors;
+  for (const Solver* solver : evaluation.solvers)
+    sensors.emplace_back(calibration, setting.target, *solver);
 
   std::map<std::string, const TakenPose*> taken_by_id;
   for (const TakenPose& pose : record.poses) taken_by_id[pose.planned.id] = &pose;
@@ -187,26 +158,29 @@ Evaluation evaluate(const RunRecord& record, const RunFolder& folder, const RigF
   }
 
   // First every attitude by itself, on all cores; then, in order, relative to the initial poses.
-  std::vector<std::vector<Attitude>> attitudes(taken.size());
+  std::vector<std::vector<MeasuredAttitude>> attitudes(taken.size());
+  std::vector<std::string> why_not(taken.size());  ///< no spots for any solver; empty if there are
   std::atomic<std::size_t> done{0};
   parallel_for(taken.size(), [&](std::size_t i) {
     EvaluatedPose& pose = evaluation.poses[i];
-    attitudes[i].resize(evaluation.solvers.size());
-    for (Attitude& a : attitudes[i]) a.status = "not taken";
-    if (taken[i] != nullptr) {
+    attitudes[i].resize(sensors.size());
+    if (taken[i] == nullptr) {
+      why_not[i] = "not taken";
+    } else {
       pose.taken = true;
       pose.missed = taken[i]->missed();
       pose.stage_mm = taken[i]->stage.position;
       pose.read_back_deg = degrees(taken[i]->angles());
       std::string status = "no image";
-      if (const auto points = matched_points(*taken[i], setting, pose, status)) {
-        pose.points_px = *points;
+      if (auto seen = sighted(*taken[i], setting, pose, status)) {
         pose.in_domain = std::ranges::all_of(
-            *points, [&](const Vector2d& p) { return calibration.irt.in_domain(p); });
-        for (std::size_t k = 0; k < evaluation.solvers.size(); ++k)
-          attitudes[i][k] = solve(*evaluation.solvers[k], *points, setting);
+            seen->points_px, [&](const Vector2d& p) { return calibration.irt.in_domain(p); });
+        for (std::size_t k = 0; k < sensors.size(); ++k)
+          attitudes[i][k] = sensors[k].measure(seen->points_px, seen->covariances_px2);
+        pose.points_px = std::move(seen->points_px);
+        pose.covariances_px2 = std::move(seen->covariances_px2);
       } else {
-        for (Attitude& a : attitudes[i]) a.status = status;
+        why_not[i] = status;
       }
     }
     if (options.progress) options.progress(++done, taken.size());
@@ -221,19 +195,19 @@ Evaluation evaluate(const RunRecord& record, const RunFolder& folder, const RigF
     EvaluatedPose& pose = evaluation.poses[i];
     const auto initial = reference.find({pose.planned.scenario, pose.planned.repeat});
     for (std::size_t k = 0; k < evaluation.solvers.size(); ++k) {
-      const Attitude& attitude = attitudes[i][k];
+      const MeasuredAttitude& attitude = attitudes[i][k];
       PoseResult result;
       result.solver = evaluation.solvers[k];
-      result.status = attitude.status;
+      result.status = why_not[i].empty() ? status_name(attitude.status) : why_not[i];
       result.iterations = attitude.iterations;
       result.residual = attitude.residual;
-      if (attitude.R_plane_from_target) {
-        const bool referenced = initial != reference.end() &&
-                                attitudes[initial->second][k].R_plane_from_target.has_value();
+      if (attitude.has_attitude()) {
+        const bool referenced =
+            initial != reference.end() && attitudes[initial->second][k].has_attitude();
         if (referenced) {
           const TakenPose& at_start = *taken[initial->second];
           const Matrix3d R_measured = relative_attitude(
-              *attitude.R_plane_from_target, *attitudes[initial->second][k].R_plane_from_target);
+              attitude.R_plane_from_target, attitudes[initial->second][k].R_plane_from_target);
           const Matrix3d R_true = relative_attitude(setting.gimbal.rotation(taken[i]->angles()),
                                                     setting.gimbal.rotation(at_start.angles()));
           result.measured = true;

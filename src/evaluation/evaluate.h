@@ -21,7 +21,8 @@ enum class SpotSource {
 };
 
 struct EvaluateOptions {
-  std::vector<const Solver*> solvers;  ///< empty = all that the calibration can serve
+  std::vector<const Solver*> solvers;  ///< empty = those `by_default` that the camera can serve
+  bool all_solvers = false;  ///< with no solvers named: every row that the camera can serve
   SpotSource spots = SpotSource::kImages;
   std::function<void(std::size_t done, std::size_t total)>
       progress;  ///< poses; called from several threads
@@ -32,7 +33,7 @@ struct EvaluateOptions {
 struct PoseResult {
   const Solver* solver = nullptr;
   bool measured = false;  ///< has an attitude, and so has the initial pose
-  std::string status;     ///< "converged", or what went wrong
+  std::string status;     ///< `status_name`, or why no solver could be asked
   int iterations = 0;
   double residual = 0.0;    ///< mm for ray solvers, px for pinhole solvers
   GimbalAngles angles_deg;  ///< measured
@@ -49,6 +50,7 @@ struct EvaluatedPose {
   bool in_domain = false;           ///< every matched spot lies inside the calibrated area
   std::vector<PoseResult> results;  ///< one per solver, in the table's order
   std::vector<Vector2d> points_px;  ///< matched spots in the target's order; empty if not matched
+  std::vector<Eigen::Matrix2d> covariances_px2;  ///< of each; empty if not stated
 };
 
 struct Evaluation {

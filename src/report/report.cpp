@@ -104,7 +104,8 @@ std::string provenance_text(const RunRecord& record) {
 std::filesystem::path write_report(const RunFolder& folder, const RunRecord& record,
                                    const RigFile& rig, const Calibration& calibration,
                                    const std::optional<CalibrationSet>& set,
-                                   const Evaluation& evaluation) {
+                                   const Evaluation& evaluation,
+                                   const std::vector<CameraComparison>& cameras) {
   const auto tables = write_tables(folder, record.plan, evaluation, calibration);
   std::filesystem::create_directories(folder.figures());
   std::vector<Draft> drafts = calibration_drafts(folder.figures(), calibration, set);
@@ -145,6 +146,18 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
       "competitor.\n\n";
   for (const WrittenTable& t : tables)
     if (t.name != "table1") md += fmt::format("### {}\n\n{}\n", t.title, t.markdown);
+
+  if (!cameras.empty() && !cameras.front().cells.empty() &&
+      cameras.front().cells.front().poses > 0) {
+    const WrittenTable t = write_camera_solver_table(folder, cameras);
+    md += fmt::format(
+        "## {}\n\n"
+        "Every camera model with every solver, on the same image points of all attitude poses. A "
+        "change below zero is a gain; an interval that holds zero says that this run cannot tell. "
+        "Intervals come from drawing poses again; the noise of the initial poses is not in "
+        "them.\n\n{}",
+        t.title, t.markdown);
+  }
 
   md += "## Failed poses\n\n" + failures_text(evaluation, record.plan);
   md += "\n## Camera\n\n" + calibration_text(calibration);

@@ -6,15 +6,18 @@
 #include <optional>
 
 #include "src/evaluation/calibration_set.h"
+#include "src/evaluation/camera_comparison.h"
 #include "src/evaluation/evaluate.h"
 
 namespace turntable {
 
 /// Writes tables/, figures/ and report.md of a run. @param set what the calibration was made from;
-/// nothing if it came from elsewhere. @return the report's path. @throws RecordError.
+/// nothing if it came from elsewhere. @param cameras this run's comparison first, then those of runs
+/// that are set beside it. @return the report's path. @throws RecordError.
 std::filesystem::path write_report(const RunFolder& folder, const RunRecord& record,
                                    const RigFile& rig, const Calibration& calibration,
                                    const std::optional<CalibrationSet>& set,
-                                   const Evaluation& evaluation);
+                                   const Evaluation& evaluation,
+                                   const std::vector<CameraComparison>& cameras);
 
 }  // namespace turntable

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <array>
 #include <cmath>
 #include <limits>
 #include <map>
@@ -157,6 +158,67 @@ std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan
     written.push_back(write(folder, name, titles[name], rows));
   }
   return written;
+}
+
+WrittenTable write_camera_solver_table(const RunFolder& folder,
+                                       const std::vector<CameraComparison>& comparisons) {
+  Csv csv({"rig", "camera", "solver", "poses", "failed", "rmse_total_deg", "rmse_lower_deg",
+           "rmse_upper_deg", "change_from_posit_deg", "change_from_posit_lower_deg",
+           "change_from_posit_upper_deg", "change_from_camera_before_deg",
+           "change_from_camera_before_lower_deg", "change_from_camera_before_upper_deg"});
+  using Column = WithInterval CameraSolverCell::*;
+  constexpr std::array<std::pair<Column, const char*>, 3> kParts{{
+      {&CameraSolverCell::rmse_deg, "Total RMSE / deg [95 % interval]"},
+      {&CameraSolverCell::from_first_solver_deg,
+       "What the solver gains: change against POSIT with the same camera / deg"},
+      {&CameraSolverCell::from_camera_before_deg,
+       "What the camera gains: change against the camera above with the same solver / deg"},
+  }};
+  std::string md;
+  for (const CameraComparison& c : comparisons) {
+    if (comparisons.size() > 1) md += fmt::format("**{}**\n\n", c.rig);
+    for (const auto& [column, title] : kParts) {
+      if (column == &CameraSolverCell::from_camera_before_deg && c.cameras.size() < 2) continue;
+      md += fmt::format("{}:\n\n| camera |", title);
+      std::string line = "|---|";
+      for (const Solver* solver : c.solvers) {
+        md += fmt::format(" {} |", solver->name);
+        line += "--:|";
+      }
+      md += "\n" + line;
+      for (std::size_t k = 0; k < c.cells.size(); ++k) {
+        const CameraSolverCell& cell = c.cells[k];
+        if (k % c.solvers.size() == 0) md += fmt::format("\n| {} |", cell.camera);
+        const WithInterval& v = cell.*column;
+        const bool is_change = column != &CameraSolverCell::rmse_deg;
+        md += !std::isfinite(v.value) ? std::string(" - |")
+              : is_change
+                  ? fmt::format(" {:+.4f} [{:+.4f}, {:+.4f}] |", v.value, v.interval.lower,
+                                v.interval.upper)
+                  : fmt::format(" {:.4f} [{:.4f}, {:.4f}]{} |", v.value, v.interval.lower,
+                                v.interval.upper,
+                                cell.failed == 0
+                                    ? ""
+                                    : fmt::format(", {} of {} failed", cell.failed, cell.poses));
+      }
+      md += "\n\n";
+    }
+    for (const CameraSolverCell& cell : c.cells) {
+      csv.text(c.rig).text(cell.camera).text(cell.solver->name);
+      csv.integer(static_cast<std::int64_t>(cell.poses));
+      csv.integer(static_cast<std::int64_t>(cell.failed));
+      for (const auto& part : kParts) {
+        const WithInterval& v = cell.*part.first;
+        for (const double value : {v.value, v.interval.lower, v.interval.upper})
+          csv.number(value, 6);
+      }
+      csv.end_row();
+    }
+  }
+  const std::string title = "Camera model and solver: which of the two gains what";
+  csv.write(folder.tables() / "camera_solver.csv");
+  write_atomically(folder.tables() / "camera_solver.md", fmt::format("# {}\n\n{}", title, md));
+  return {"camera_solver", title, md};
 }
 
 }  // namespace turntable

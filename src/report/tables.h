@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "src/evaluation/camera_comparison.h"
 #include "src/evaluation/evaluate.h"
 #include "src/imaging/calibration.h"
 #include "src/record/run_folder.h"
@@ -24,5 +25,10 @@ struct WrittenTable {
 std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan,
                                        const Evaluation& evaluation,
                                        const Calibration& calibration);
+
+/// Writes tables/camera_solver.{csv,md}: what the camera model gains and what the solver gains
+/// (src/evaluation/camera_comparison.h), one group of rows per rig. @throws RecordError.
+WrittenTable write_camera_solver_table(const RunFolder& folder,
+                                       const std::vector<CameraComparison>& comparisons);
 
 }  // namespace turntable

@@ -12,9 +12,7 @@ namespace turntable::problems {
 
 /// The target of scenarios/rigs/simulated.json: three of its LEDs stand within 0.1 deg and 0.1 mm
 /// of a triangle that a third of a turn takes to itself.
-inline std::vector<Vector3d> rig_target() {
-  return {{0, 0, 0}, {58.6, 13.0, -40}, {-40.6, 44.2, -40}, {-18.0, -57.2, -40}};
-}
+inline std::vector<Vector3d> rig_target() { return default_target(); }
 
 /// n points on 60 mm, 40 mm deep, 10 mm from each other at least.
 inline std::vector<Vector3d> spaced_target(Random& random, int n) {

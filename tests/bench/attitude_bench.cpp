@@ -1,11 +1,13 @@
-// Time per attitude of every row of the solver table, with OpenCV's SQPNP on the same problems as
-// the peer, and the accuracy that the time buys. A wrong answer fails the benchmark; time never
-// does.
+// Time per attitude of every row of the solver table on two targets, the accuracy that the time buys,
+// and how many times faster it is than OpenCV's SQPNP on the same problems in the same run. A wrong
+// answer fails the benchmark; time never does.
 #include <benchmark/benchmark.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
-#include <functional>
-#include <opencv2/calib3d.hpp>
+#include <ctime>
+#include <opencv2/core.hpp>
 #include <vector>
 
 #include "src/attitude/cramer_rao.h"
@@ -16,120 +18,146 @@
 namespace turntable {
 namespace {
 
-constexpr int kProblems = 1000;
-constexpr double kNoisePx = 0.05;
+constexpr std::size_t kProblems = 1000;
+/// An attitude this far off is another one and not an inaccurate one.
+constexpr double kWrongDeg = 10.0;
+
+struct Setting {
+  const char* name;
+  std::vector<Vector3d> target_mm;
+  double tilt_deg, camera_mm;  ///< M0 at a height of about 150 mm
+  double focal_px, noise_px;
+};
+
+const std::array kSettings{
+    // The published geometry: 4 points on 60 mm, 40 mm deep, about 550 mm away.
+    Setting{"published", problems::published_target(), 35.0, 700.0, problems::kFocalPx, 0.05},
+    // What peers were compared on: the corner of a 75 mm cube, 1 m away.
+    Setting{"corner", {{0, 0, 0}, {75, 0, 0}, {0, 75, 0}, {0, 0, 75}}, 30.0, 1150.0, 1800.0, 1.0},
+};
 
 struct Set {
+  TargetModel target;
   std::vector<problems::Problem> exact, noisy;
   double bound_deg = 0.0;  ///< root mean square over the problems
+  double sqpnp_s = 0.0;    ///< per solve
 };
 
-// The published geometry: 4 points on 60 mm, 40 mm deep, about 550 mm away, +-35 deg, f = 1945 px.
-const Set& set() {
-  static const Set the_set = [] {
-    Set s;
-    Random random(1, "attitude benchmark");
-    double squares = 0.0;
-    for (int n = 0; n < kProblems; ++n) {
-      s.exact.push_back(problems::random_problem(random));
-      const problems::Problem& p = s.exact.back();
-      s.noisy.push_back(p);
-      problems::add_noise(s.noisy.back(), kNoisePx, random);
-      squares += std::pow(
-          cramer_rao_bound_pinhole(TargetModel(p.target_mm), p.R_plane_from_target, p.origin_mm,
-                                   p.lens.centre_mm, problems::kFocalPx, kNoisePx)
-              .total_std_deg(),
-          2);
-    }
-    s.bound_deg = std::sqrt(squares / kProblems);
-    return s;
-  }();
-  return the_set;
+/// Median of five runs over the noisy problems.
+double seconds_per_solve(const Solver& solver, const SolveOptions& options, const Set& set) {
+  std::array<double, 5> runs;
+  for (double& run : runs) {
+    const std::clock_t start = std::clock();  // of the processor: other programs do not count
+    for (const problems::Problem& p : set.noisy)
+      benchmark::DoNotOptimize(solver.function(set.target, p.observation(), options));
+    const double taken = static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
+    run = taken / static_cast<double>(set.noisy.size());
+  }
+  std::ranges::nth_element(runs, runs.begin() + 2);
+  return runs[2];
 }
 
-// Solves one problem; NaN if there is no answer.
-using Solve = std::function<Matrix3d(const problems::Problem&)>;
+Set make_set(const Setting& setting) {
+  Set set{TargetModel(setting.target_mm), {}, {}};
+  Random random(1, "attitude benchmark");
+  const problems::Lens lens{.centre_mm = {0, 0, setting.camera_mm}};
+  double squares = 0.0;
+  for (std::size_t n = 0; n < kProblems; ++n) {
+    set.exact.push_back(
+        problems::random_problem(random, setting.target_mm, setting.tilt_deg, lens));
+    const problems::Problem& p = set.exact.back();
+    set.noisy.push_back(p);
+    problems::add_noise(set.noisy.back(), setting.noise_px, random, setting.focal_px);
+    squares += std::pow(cramer_rao_bound_pinhole(set.target, p.R_plane_from_target, p.origin_mm,
+                                                 lens.centre_mm, setting.focal_px, setting.noise_px)
+                            .total_std_deg(),
+                        2);
+  }
+  set.bound_deg = std::sqrt(squares / kProblems);
+  cv::setNumThreads(1);
+  const Solver& sqpnp = *find_solver("opencv_sqpnp");
+  set.sqpnp_s = seconds_per_solve(sqpnp, sqpnp.defaults, set);
+  return set;
+}
+
+const Set& set_of(std::size_t setting) {
+  static const std::array<Set, kSettings.size()> sets{make_set(kSettings[0]),
+                                                      make_set(kSettings[1])};
+  return sets[setting];
+}
 
 struct Accuracy {
-  double rmse_deg = 0.0;
-  double worst_deg = 0.0;
+  double rmse_deg = 0.0;     ///< of those that are not wrong
+  double worst_deg = 0.0;    ///< of those
+  double wrong_share = 0.0;  ///< no answer, or one more than kWrongDeg off
 };
 
-Accuracy accuracy(const Solve& solve, const std::vector<problems::Problem>& all, Sight sight) {
+Accuracy accuracy(const Solver& solver, const SolveOptions& options, const Set& set,
+                  const std::vector<problems::Problem>& all) {
   Accuracy out;
-  double squares = 0.0;
+  double squares = 0.0, right = 0.0;
   for (const problems::Problem& p : all) {
-    const Matrix3d R = solve(p);
-    const double error =
-        R.allFinite() ? deg_from_rad(geodesic_angle(p.truth(sight), R)) : std::nan("");
-    squares += error * error;
-    out.worst_deg = error > out.worst_deg ? error : out.worst_deg;
+    const Solution s = solver.function(set.target, p.observation(), options);
+    const double error_deg = deg_from_rad(geodesic_angle(p.truth(solver.sight), s.R));
+    if (!(error_deg <= kWrongDeg)) continue;  // NaN is wrong too
+    ++right;
+    squares += error_deg * error_deg;
+    out.worst_deg = std::max(out.worst_deg, error_deg);
   }
-  out.rmse_deg = std::sqrt(squares / static_cast<double>(all.size()));
+  out.rmse_deg = std::sqrt(squares / right);
+  out.wrong_share = 1.0 - right / static_cast<double>(all.size());
   return out;
 }
 
-/// @param exact_deg worst error allowed without noise; @param over_bound RMSE allowed over the
-/// Cramer-Rao bound.
-void run(benchmark::State& state, const Solve& solve, Sight sight, double exact_deg,
-         double over_bound) {
-  const Accuracy exact = accuracy(solve, set().exact, sight);
-  const Accuracy noisy = accuracy(solve, set().noisy, sight);
-  // Negated, so that a NaN fails.
-  if (!(exact.rmse_deg <= exact_deg && exact.worst_deg <= exact_deg)) {
-    state.SkipWithError("wrong without noise");
-    return;
-  }
-  if (!(noisy.rmse_deg / set().bound_deg <= over_bound)) {
-    state.SkipWithError("too far above the Cramer-Rao bound");
-    return;
+/// @param tolerance of the solve; 0 is the row's own.
+void solver_row(benchmark::State& state, const Solver& solver, std::size_t setting,
+                double tolerance) {
+  const Set& set = set_of(setting);
+  SolveOptions options = solver.defaults;
+  if (tolerance > 0.0) options.tolerance = tolerance;
+  const Accuracy exact = accuracy(solver, options, set, set.exact);
+  const Accuracy noisy = accuracy(solver, options, set, set.noisy);
+  // EPnP of four points is not exact (opencv_pnp.h): shown, not judged. Of our answers none may be
+  // wrong; SQPNP takes a wrong minimum on one corner in a hundred.
+  if (solver.name != "opencv_epnp") {
+    const double wrong_allowed = solver.peer ? 0.03 : 0.0;
+    const double exact_deg = tolerance > 0.0 ? 0.01 : solver.peer ? 1e-3 : 1e-6;
+    if (!(std::max(exact.wrong_share, noisy.wrong_share) <= wrong_allowed)) {
+      state.SkipWithError("wrong by more than ten degrees");
+      return;
+    }
+    if (!(exact.worst_deg <= exact_deg)) {
+      state.SkipWithError("wrong without noise");
+      return;
+    }
+    if (!(noisy.rmse_deg / set.bound_deg <= 1.3)) {
+      state.SkipWithError("too far above the Cramer-Rao bound");
+      return;
+    }
   }
   std::size_t next = 0;
   for (auto _ : state) {
-    benchmark::DoNotOptimize(solve(set().noisy[next]));
-    if (++next == set().noisy.size()) next = 0;
+    benchmark::DoNotOptimize(solver.function(set.target, set.noisy[next].observation(), options));
+    if (++next == set.noisy.size()) next = 0;
   }
   state.counters["rmse_deg"] = noisy.rmse_deg;
-  state.counters["rmse_over_bound"] = noisy.rmse_deg / set().bound_deg;
+  state.counters["rmse_over_bound"] = noisy.rmse_deg / set.bound_deg;
   state.counters["worst_deg"] = noisy.worst_deg;
-}
-
-void solver_row(benchmark::State& state, const Solver& solver, double tolerance) {
-  const TargetModel target(problems::published_target());
-  SolveOptions options = solver.defaults;
-  if (tolerance > 0.0) options.tolerance = tolerance;
-  const Solve solve = [&](const problems::Problem& p) -> Matrix3d {
-    return solver.function(target, p.observation(), options).R;
-  };
-  run(state, solve, solver.sight, tolerance > 0.0 ? 0.01 : 1e-6, 1.3);
-}
-
-void opencv_sqpnp(benchmark::State& state) {
-  std::vector<cv::Point3d> object;
-  for (const Vector3d& p : problems::published_target()) object.emplace_back(p.x(), p.y(), p.z());
-  const cv::Mat camera = cv::Mat::eye(3, 3, CV_64F);
-  std::vector<cv::Point2d> image(object.size());
-  cv::Mat rvec, tvec;
-  const Solve solve = [&](const problems::Problem& p) -> Matrix3d {
-    for (std::size_t t = 0; t < image.size(); ++t)
-      image[t] = {p.normalised[t].x(), p.normalised[t].y()};
-    if (!cv::solvePnP(object, image, camera, cv::noArray(), rvec, tvec, false, cv::SOLVEPNP_SQPNP))
-      return Matrix3d::Constant(std::nan(""));
-    return rotation_from_vector({rvec.at<double>(0), rvec.at<double>(1), rvec.at<double>(2)});
-  };
-  cv::setNumThreads(1);
-  run(state, solve, Sight::kPinholeUndistorted, 1e-3, 1.3);
+  state.counters["wrong_share"] = noisy.wrong_share;
+  state.counters["times_faster"] = set.sqpnp_s / seconds_per_solve(solver, options, set);
 }
 
 const bool kRegistered = [] {
-  for (const Solver& solver : kSolvers) {
-    benchmark::RegisterBenchmark(("attitude/" + std::string(solver.name)).c_str(), solver_row,
-                                 solver, 0.0);
-    // What a thousandth of the bound needs: 1e-5 of the target's size.
-    benchmark::RegisterBenchmark(("attitude/" + std::string(solver.name) + "/coarse").c_str(),
-                                 solver_row, solver, solver.tolerance_unit == "mm" ? 6e-4 : 1e-5);
-  }
-  benchmark::RegisterBenchmark("attitude/peer/opencv_sqpnp", opencv_sqpnp);
+  for (std::size_t setting = 0; setting < kSettings.size(); ++setting)
+    for (const Solver& solver : kSolvers) {
+      const std::string name =
+          std::string("attitude/") + kSettings[setting].name + "/" + std::string(solver.name);
+      benchmark::RegisterBenchmark(name.c_str(), solver_row, solver, setting, 0.0);
+      // What a thousandth of the bound needs: 1e-5 of the target's size.
+      if (!solver.peer)
+        benchmark::RegisterBenchmark((name + "/coarse").c_str(), solver_row, solver, setting,
+                                     solver.tolerance_unit == "mm" ? 6e-4 : 1e-5);
+    }
   return true;
 }();
 
