@@ -74,6 +74,39 @@ int evaluate_command(const EvaluateArguments& a);
 
 int report_command(const std::vector<std::filesystem::path>& runs);
 
+// ---- attitudes without a rig (attitude_commands.cpp)
+
+/// What every verb that measures attitudes by itself takes.
+struct AttitudeArguments {
+  std::filesystem::path calibration, target;  ///< target file, or rig file
+  std::string solver;                         ///< empty = `default_solver`
+  std::string camera;                         ///< "irt" or a central model; empty = the solver's
+  bool robust = false;
+  /// Attitudes that are looked for: within so many degrees of these (yaw, roll, pitch; none = 0).
+  double within_deg = 180.0;
+  std::vector<double> near_deg;
+  double electrons_per_grey = 0.0;  ///< of the camera; 0 = shot noise not counted
+  std::filesystem::path out;        ///< empty = standard output
+  std::string format = "csv";       ///< or "json"
+};
+
+struct SolveArguments : AttitudeArguments {
+  std::filesystem::path points;
+};
+int solve_command(const SolveArguments& a);
+
+struct MeasureArguments : AttitudeArguments {
+  std::vector<std::filesystem::path> images;  ///< files and folders
+};
+int measure_command(const MeasureArguments& a);
+
+struct TrackArguments : AttitudeArguments {
+  std::filesystem::path source;  ///< folder of images, or rig file
+  int frames = 0;                ///< 0 = all there are
+  bool follow = false;           ///< wait for new images in the folder
+};
+int track_command(const TrackArguments& a);
+
 struct StudyArguments {
   std::filesystem::path target, out;
   std::vector<std::string> solvers;

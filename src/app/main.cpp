@@ -85,12 +85,14 @@ int main(int argc, char** argv) {
       kExitCodes);
 
   int code = kDone;
-  const auto solver_names = [] {
+  const auto solver_names = [](const char* mark) {
     std::string names;
     for (const Solver& s : kSolvers)
-      names += (names.empty() ? "" : ", ") + std::string(s.name) + (s.by_default ? "*" : "");
-    return names + " (* = where none is named)";
-  }();
+      names += (names.empty() ? "" : ", ") + std::string(s.name) + (s.by_default ? mark : "");
+    return names;
+  };
+  const std::string solvers_help =
+      fmt::format("solvers to report: all, or of {} (* = where none is named)", solver_names("*"));
   const std::string image_modes =
       "what to archive of LED images: full, regions (spots with a margin), none";
 
@@ -150,8 +152,7 @@ int main(int argc, char** argv) {
   run_verb->add_option("scenario", run.scenario, "scenario or campaign file")->required();
   run_verb->add_option("--rig", run.rig, "rig file")->required();
   run_verb->add_option("--out", run.out, "run folder (default: results/runs/<UTC>-<name>)");
-  run_verb->add_option("--solver", run.solvers, "solvers to report: all, or of " + solver_names)
-      ->delimiter(',');
+  run_verb->add_option("--solver", run.solvers, solvers_help)->delimiter(',');
   run_verb->add_option("--calibration", run.calibration, "camera calibration instead of a sweep");
   run_verb->add_option("--beside", run.beside,
                        "earlier run, such as one with another lens: the report sets its table of "
@@ -179,9 +180,7 @@ int main(int argc, char** argv) {
   auto* evaluate_verb = app.add_subcommand(
       "evaluate", "Make everything after the images again: calibration, poses.csv, tables, report");
   evaluate_verb->add_option("run", evaluate.run, "run folder")->required();
-  evaluate_verb
-      ->add_option("--solver", evaluate.solvers, "solvers to report: all, or of " + solver_names)
-      ->delimiter(',');
+  evaluate_verb->add_option("--solver", evaluate.solvers, solvers_help)->delimiter(',');
   evaluate_verb->add_option("--calibration", evaluate.calibration, "another camera calibration");
   evaluate_verb->footer(
       "Example:\n  turntable evaluate results/runs/20260131T120000Z-quick --solver "
@@ -202,9 +201,10 @@ int main(int argc, char** argv) {
   StudyArguments study;
   auto* study_verb = app.add_subcommand(
       "study", "How good the solvers are for a target and a camera, on synthetic points; no rig");
-  study_verb->add_option("--target", study.target,
-                         "rig file whose target is studied (default: the published target, and two "
-                         "more to compare with)");
+  study_verb->add_option(
+      "--target", study.target,
+      "target file, or rig file whose target is studied (default: the published target, and two "
+      "more to compare with)");
   study_verb->add_option("--focal", study.focal_px, "focal length, px")
       ->check(CLI::Range(10.0, 1e6))
       ->capture_default_str();
@@ -312,6 +312,100 @@ int main(int argc, char** argv) {
       "  turntable simulate scenarios/rigs/simulated.json --links /tmp/rig --speed 10 --faults "
       "scenarios/faults/example.json");
   simulate_verb->callback([&] { code = guarded([&] { return simulate_command(simulate); }); });
+
+  const auto measuring = [&solver_names](CLI::App& verb, AttitudeArguments& a, bool images) {
+    verb.add_option("--calibration", a.calibration, "camera calibration (calibration.json)")
+        ->required();
+    verb.add_option("--target", a.target, "target file (scenarios/targets), or a rig file")
+        ->required();
+    verb.add_option("--solver", a.solver,
+                    fmt::format("default {}; of {}", default_solver().name, solver_names("")));
+    verb.add_option("--camera", a.camera,
+                    "camera model of the calibration: irt (the rays), pinhole, brown, rational, "
+                    "fisheye (default: what the solver wants)");
+    verb.add_flag("--robust", a.robust,
+                  "more than four points: leave out those that contradict the others");
+    verb.add_option("--within", a.within_deg,
+                    "look for attitudes within so many degrees of --near: for targets that look "
+                    "the same after a turn")
+        ->check(CLI::Range(0.1, 180.0));
+    verb.add_option("--near", a.near_deg, "yaw,roll,pitch, deg (default: 0,0,0)")->delimiter(',');
+    if (images)
+      verb.add_option("--electrons-per-grey", a.electrons_per_grey,
+                      "of the camera, so that shot noise counts in the uncertainties")
+          ->check(CLI::Range(0.0, 1e6));
+  };
+  const auto putting = [](CLI::App& verb, AttitudeArguments& a) {
+    verb.add_option("--out", a.out, "file to write (default: standard output)");
+    verb.add_option("--format", a.format, "csv or json")
+        ->check(CLI::IsMember({"csv", "json"}))
+        ->capture_default_str();
+  };
+  const std::string attitudes =
+      "One line per %: status; rotation vector, quaternion and yaw, roll, pitch of the target in "
+      "the plane frame;\nposition of its first point; standard uncertainties (std_*) from spots, "
+      "calibration and target,\nas far as each states its own; chi2 of the spots, residual, "
+      "in_domain (0: outside the calibrated area).\n";
+  const auto of_each = [&attitudes](const std::string& what) {
+    std::string text = attitudes;
+    return text.replace(text.find('%'), 1, what);
+  };
+
+  SolveArguments solve;
+  auto* solve_verb = app.add_subcommand("solve", "Attitudes from a table of image points");
+  solve_verb
+      ->add_option("points", solve.points,
+                   "CSV with columns u_px, v_px; optional frame, point (from 0; without it spots "
+                   "are in any order), sigma_px")
+      ->required();
+  measuring(*solve_verb, solve, false);
+  putting(*solve_verb, solve);
+  solve_verb->footer(
+      "Examples:\n  turntable solve points.csv --calibration calibration.json --target "
+      "scenarios/targets/published.json\n"
+      "  turntable solve points.csv --calibration calibration.json --target rig.json --solver "
+      "posit "
+      "--camera irt --format json\n\n" +
+      of_each("frame") +
+      "Exit codes: 0 done; 2 bad input; 3 the output could not be written; 4 some frames have no "
+      "attitude.\n");
+  solve_verb->callback([&] { code = guarded([&] { return solve_command(solve); }); });
+
+  MeasureArguments measure;
+  auto* measure_verb = app.add_subcommand("measure", "Attitudes from images of the target");
+  measure_verb->add_option("images", measure.images, "images, or folders of them")->required();
+  measuring(*measure_verb, measure, true);
+  putting(*measure_verb, measure);
+  measure_verb->footer(
+      "Examples:\n  turntable measure shot.png --calibration calibration.json --target "
+      "scenarios/targets/published.json\n"
+      "  turntable measure shots/ --calibration calibration.json --target rig.json --out "
+      "attitudes.csv\n\n" +
+      of_each("image") +
+      "Exit codes: 0 done; 2 bad input; 3 the output could not be written; 4 some images have no "
+      "attitude.\n");
+  measure_verb->callback([&] { code = guarded([&] { return measure_command(measure); }); });
+
+  TrackArguments track;
+  auto* track_verb = app.add_subcommand(
+      "track", "Follow the target live: one line per frame of a camera or folder");
+  track_verb
+      ->add_option("source", track.source,
+                   "folder of images, or rig file (its camera alone is opened; no axis is touched)")
+      ->required();
+  measuring(*track_verb, track, true);
+  track_verb->add_option("--frames", track.frames, "end after so many (default: all)")
+      ->check(CLI::Range(1, 1000000000));
+  track_verb->add_flag("--follow", track.follow, "folder: wait for new images until Ctrl-C");
+  track_verb->footer(
+      "Examples:\n  turntable track shots/ --follow --calibration calibration.json --target "
+      "scenarios/targets/published.json\n"
+      "  turntable track scenarios/rigs/lab_modbus_gige.json --frames 1000 --calibration "
+      "calibration.json --target rig.json\n\n" +
+      of_each("frame") +
+      "With time and latency_ms (image in memory to attitude). Ctrl-C ends with exit code 0.\n"
+      "Exit codes: 0 done; 2 bad input; 3 camera trouble; 4 some frames have no attitude.\n");
+  track_verb->callback([&] { code = guarded([&] { return track_command(track); }); });
 
   try {
     app.parse(argc, argv);

@@ -245,6 +245,7 @@ class CameraMaker {
                         yaw = rig_.yaw, roll = rig_.roll, pitch = rig_.pitch](AxisId id) {
       if (const auto it = models.find(id); it != models.end())
         return it->second->true_position(clock->now());
+      if (stage == nullptr) return 0.0;  // the camera alone
       if (id == AxisId::kStage) return stage->position().value;
       return (id == AxisId::kYaw ? yaw : id == AxisId::kRoll ? roll : pitch)->position().value;
     };
@@ -310,6 +311,26 @@ class CameraMaker {
   Rig& rig_;
   std::shared_ptr<sim::World> world_;
 };
+
+Rig open_only_camera(const RigFile& file) {
+  if (!file.camera.trigger.output.empty())
+    throw ConfigError(file.file, "/camera/trigger/output",
+                      "fires the camera by a controller, which is not opened here. Let the "
+                      "software, or something outside this rig, trigger it.");
+  Axes axes;
+  axes.rig.simulated = file.simulated();
+  std::shared_ptr<Clock> clock;
+  if (file.camera.model == "simulated")
+    clock = std::make_shared<ManualClock>();
+  else
+    clock = std::make_shared<SystemClock>();
+  axes.rig.clock = clock.get();
+  axes.rig.owned.push_back(std::move(clock));
+  const OpenRigOptions options{false, true, {}};
+  CameraMaker(file, options, axes).make();
+  axes.rig.mount(Payload::kLedTarget);
+  return std::move(axes.rig);
+}
 
 Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
   Axes axes = open_controllers(file, options, nullptr);
@@ -448,6 +469,10 @@ Rig open_axes(const RigFile& file, const OpenRigOptions& options,
               std::vector<std::string>* differences) {
   return naming_the_file(
       file, [&] { return std::move(open_controllers(file, options, differences).rig); });
+}
+
+Rig open_camera_alone(const RigFile& file) {
+  return naming_the_file(file, [&] { return open_only_camera(file); });
 }
 
 void simulate_rig(const RigFile& file, const ServeOptions& options) {

@@ -29,6 +29,12 @@ Rig open_rig(const RigFile& file, const OpenRigOptions& options = {});
 Rig open_axes(const RigFile& file, const OpenRigOptions& options = {},
               std::vector<std::string>* differences = nullptr);
 
+/// The camera alone, on its clock: no line is opened and no axis touched, none is in the rig. A
+/// simulated one looks at the LED target with all axes at zero.
+/// @throws ConfigError: unknown model, a camera that only an output of a controller fires; and what
+/// the camera's driver throws.
+Rig open_camera_alone(const RigFile& file);
+
 struct ServeOptions {
   std::filesystem::path links;   ///< folder for links to the ptys, named after the controllers
   std::filesystem::path faults;  ///< what is to go wrong (drivers/sim/fault_file.h)

@@ -6,8 +6,7 @@
 #include "src/app/commands.h"
 #include "src/app/progress.h"
 #include "src/core/errors.h"
-#include "src/core/json_document.h"
-#include "src/core/rig_file.h"
+#include "src/core/target_file.h"
 #include "src/report/study_report.h"
 
 namespace turntable {
@@ -31,11 +30,7 @@ std::vector<const Solver*> studied_solvers(const std::vector<std::string>& names
 
 /// Points of a target, mm. @throws ConfigError.
 std::vector<Vector3d> studied_target(const std::filesystem::path& file) {
-  if (const std::string format = format_of(file); format != "rig")
-    throw ConfigError(
-        file.string(), "/format",
-        fmt::format("found a {} file, allowed: a rig file, whose target is studied.", format));
-  const std::vector<Vector3d> points_mm = load_rig_file(file).target.points_mm;
+  const std::vector<Vector3d> points_mm = load_target(file).points_mm;
   if (const std::string reason = TargetModel::refusal(points_mm); !reason.empty())
     throw ConfigError(file.string(), "", reason + ".");
   return points_mm;

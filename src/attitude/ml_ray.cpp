@@ -17,6 +17,7 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 /// Of the start, mm: a step corrects more than what is then left.
 constexpr double kStartTolerance = 0.05;
 constexpr double kMinPivot = 1e-14;
+constexpr double kRidge = 1e-13;
 /// Of chi^2: the step to it is a three-thousandth of a standard deviation.
 constexpr double kSmallGain = 1e-7;
 
@@ -44,17 +45,18 @@ class Refinement {
     }
   }
 
-  void leave_out(int t, bool out) { out ? left_out_ |= 1u << t : left_out_ &= ~(1u << t); }
-  std::uint32_t left_out() const { return left_out_; }
-  bool uses(int t) const { return (left_out_ >> t & 1u) == 0; }
-  int unknowns() const { return height_undefined_ ? 5 : 6; }
+  /// Degrees of freedom of chi^2. Parallel rays leave T_z to the ridge; nearly parallel ones spend it
+  /// on their scale.
+  double dof(const Normal& at) const {
+    const bool ridge_alone = height_undefined_ && at.N(5, 5) < 2.0 * kRidge * at.N(4, 4);
+    return 2.0 * n_ - (ridge_alone ? 5.0 : 6.0);
+  }
 
   Normal normal(const RayPose& pose) const {
     Normal out;
     Matrix3d dd = Matrix3d::Zero(), td = dd, tt = dd;
     Vector3d gd = Vector3d::Zero(), gt = gd;
     for (int t = 0; t < n_; ++t) {
-      if (!uses(t)) continue;
       const auto index = static_cast<std::size_t>(t);
       const Vector3d q = pose.R * p_[index], X = q + pose.T;
       const RayResidual residual = sighted_[index].residual(X, X.z() - a_);
@@ -80,7 +82,7 @@ class Refinement {
     out.gradient.head<3>() = gd;
     out.gradient.tail<3>() = gt;
     // Parallel rays know nothing of T_z, nearly parallel ones let it serve as a scale.
-    if (height_undefined_) out.N(5, 5) += 1e1 * kMinPivot * out.N(4, 4);
+    if (height_undefined_) out.N(5, 5) += kRidge * out.N(4, 4);
     return out;
   }
 
@@ -149,111 +151,144 @@ class Refinement {
   int n_;
   double a_, radius_;
   bool height_undefined_, stated_;
-  std::uint32_t left_out_ = 0;
   std::array<Sighted, kMaxTargetPoints> sighted_;
   std::array<Vector3d, kMaxTargetPoints> p_;  ///< M0Mt, mm
 };
 
-/// Leaves out the points that contradict the others, as the header says.
-void drop_outliers(Refinement& refinement, const TargetModel& target, const SolveOptions& options,
-                   RayPose& pose, Normal& at, int& passes) {
-  int kept = target.size();
-  while (kept > 4 &&
-         at.chi2 > chi2_quantile(2.0 * kept - refinement.unknowns(), kNormalQuantile999)) {
-    int worst = -1;
-    RayPose best_pose = pose;
-    Normal best;
-    for (int t = 0; t < target.size(); ++t) {
-      if (!refinement.uses(t)) continue;
-      refinement.leave_out(t, true);
-      RayPose trial = pose;
-      Normal without;
-      int spent = 0;
-      if (refinement.refine(trial, without, options, spent) == SolveStatus::kConverged &&
-          (worst < 0 || without.chi2 < best.chi2)) {
-        worst = t;
-        best_pose = trial;
-        best = without;
-      }
-      passes += spent;
-      refinement.leave_out(t, false);
-    }
-    if (worst < 0) return;
-    refinement.leave_out(worst, true);
-    pose = best_pose;
-    at = best;
-    --kept;
-  }
-}
-
-double residual_mm(const TargetModel& target, const Observation& observation, const RayPose& pose,
-                   const Refinement& refinement) {
+double residual_mm(const TargetModel& target, const Observation& observation, const RayPose& pose) {
   double sum = 0.0;
-  int count = 0;
   for (int t = 0; t < target.size(); ++t) {
-    if (!refinement.uses(t)) continue;
     const Vector3d X = pose.R * (target.points().col(t) - target.points().col(0)) + pose.T;
     const double miss =
         distance_mm(X, observation.rays[static_cast<std::size_t>(t)], observation.planes);
     sum += miss * miss;
-    ++count;
   }
-  return std::sqrt(sum / count);
+  return std::sqrt(sum / target.size());
 }
 
-}  // namespace
-
-Solution solve_ml_ray(const TargetModel& target, const Observation& observation,
-                      const SolveOptions& options) {
+Solution solve_all_points(const TargetModel& target, const Observation& observation,
+                          const SolveOptions& options) {
   Solution solution;
   const bool stated = !observation.spreads.empty();
-  if (stated && observation.spreads.size() != observation.rays.size()) return solution;
-  for (const RaySpread& spread : observation.spreads)
-    if (!spread.at_a.allFinite() || !spread.at_b.allFinite()) return solution;
   const RayStart start = start_on_rays(
       target, observation, std::max(options.tolerance, kStartTolerance), options.max_iterations);
   solution.status = start.status;
   solution.iterations = start.iterations;
   if (start.count == 0) return solution;
 
-  Refinement refinement(target, observation, start.height_undefined());
-  std::array<RayEnd, 2> ends;
-  std::array<Normal, 2> normals;
-  for (std::size_t c = 0; c < static_cast<std::size_t>(start.count); ++c) {
-    ends[c].pose = start.poses[c];
-    int passes = start.iterations;  // a start has max_iterations of its own
-    ends[c].status = refinement.refine(ends[c].pose, normals[c], options, passes);
-    solution.iterations += passes - start.iterations;
-    ends[c].misfit = normals[c].chi2;
-  }
-  const Ranking ranking =
-      rank(ends, start.count, stated ? 2.0 * target.size() - refinement.unknowns() : 0.0);
-  solution.status = ranking.status;
-  RayPose pose = ends[ranking.best].pose;
-  Normal at = normals[ranking.best];
-  if (ranking.has_rival) {
-    const RayPose& other = ends[1 - ranking.best].pose;
-    solution.rival = Rival{other.R, other.T, residual_mm(target, observation, other, refinement)};
-  }
-  if (options.robust && stated && solution.status == SolveStatus::kConverged) {
-    drop_outliers(refinement, target, options, pose, at, solution.iterations);
-    solution.left_out = refinement.left_out();
+  const Refinement refinement(target, observation, start.height_undefined());
+  constexpr std::size_t kMost = kMaxRayStarts + 2;
+  std::array<RayEnd, kMost> ends;
+  std::array<Normal, kMost> normals;
+  std::size_t count = 0;
+  const auto refine = [&](const RayStart& from) {
+    for (std::size_t c = 0; c < from.count; ++c, ++count) {
+      ends[count].pose = from.poses[c];
+      int passes = from.iterations;  // a start has max_iterations of its own
+      ends[count].status = refinement.refine(ends[count].pose, normals[count], options, passes);
+      solution.iterations += passes - from.iterations;
+      ends[count].misfit = normals[count].chi2;
+    }
+  };
+  const auto ranked = [&] {
+    return rank(std::span(ends).first(count), stated ? refinement.dof(normals[0]) : 0.0);
+  };
+  refine(start);
+  Ranking ranking = ranked();
+  // A start that has led nowhere: the others are worth their time.
+  if (stated && start.count == 1 &&
+      !(ends[0].misfit <= chi2_quantile(refinement.dof(normals[0]), kNormalQuantile9999))) {
+    refine(planar_start(target, observation));
+    ranking = ranked();
   }
 
+  const RayPose& pose = ends[ranking.best].pose;
+  const Normal& at = normals[ranking.best];
+  solution.status = ranking.status;
+  if (ranking.has_rival()) {
+    const RayPose& other = ends[ranking.rival].pose;
+    solution.rival = Rival{other.R, other.T, residual_mm(target, observation, other)};
+  }
   solution.R = solution.rows_ijk = pose.R;
   solution.position_mm = pose.T;
-  solution.residual = residual_mm(target, observation, pose, refinement);
+  solution.residual = residual_mm(target, observation, pose);
   if (!solution.R.allFinite() || !solution.position_mm.allFinite() ||
       !std::isfinite(solution.residual))
     solution.status = SolveStatus::kDegenerate;
   if (stated) {
     solution.covariance = refinement.covariance(at);
     solution.chi2 = at.chi2;
+    solution.dof = refinement.dof(at);
   }
-  if (start.height_undefined() && solution.status == SolveStatus::kConverged)
-    solution.status = SolveStatus::kHeightUndefined;
-  if (start.height_undefined()) solution.position_mm.z() = Solution::kNaN;
+  if (!start.height_undefined()) return solution;
+  if (solution.status == SolveStatus::kConverged) solution.status = SolveStatus::kHeightUndefined;
+  solution.position_mm.z() = Solution::kNaN;
+  if (solution.rival) solution.rival->position_mm.z() = Solution::kNaN;
   return solution;
+}
+
+/// The same without the points of `left_out`; the position is still M0's.
+Solution solve_without(std::uint32_t left_out, const TargetModel& target,
+                       const Observation& observation, const SolveOptions& options) {
+  std::array<Vector3d, kMaxTargetPoints> points;
+  std::array<Ray, kMaxTargetPoints> rays;
+  std::array<RaySpread, kMaxTargetPoints> spreads;
+  std::size_t count = 0;
+  for (int t = 0; t < target.size(); ++t) {
+    if ((left_out >> t & 1u) != 0) continue;
+    points[count] = target.points().col(t);
+    rays[count] = observation.rays[static_cast<std::size_t>(t)];
+    spreads[count++] = observation.spreads[static_cast<std::size_t>(t)];
+  }
+  const auto kept = std::span(points).first(count);
+  Solution solution;
+  solution.status = SolveStatus::kDegenerate;
+  if (!TargetModel::refusal(kept).empty()) return solution;
+  solution = solve_all_points(
+      TargetModel(kept),
+      {std::span(rays).first(count), observation.planes, {}, std::span(spreads).first(count)},
+      options);
+  solution.left_out = left_out;
+  if ((left_out & 1u) == 0) return solution;
+  // From the first point kept to M0: T + R q, and delta turns q along.
+  const Vector3d q = Vector3d(target.points().col(0)) - points[0];
+  solution.position_mm += solution.R * q;
+  if (solution.rival) solution.rival->position_mm += solution.rival->R * q;
+  const Vector3d lever = solution.R * q;
+  Matrix6d move = Matrix6d::Identity();  // d(delta, T of M0) / d(delta, T)
+  move.bottomLeftCorner<3, 3>() << 0, lever.z(), -lever.y(), -lever.z(), 0, lever.x(), lever.y(),
+      -lever.x(), 0;
+  solution.covariance = move * solution.covariance * move.transpose();
+  return solution;
+}
+
+}  // namespace
+
+Solution solve_ml_ray(const TargetModel& target, const Observation& observation,
+                      const SolveOptions& options) {
+  const bool stated = !observation.spreads.empty();
+  if (stated && observation.spreads.size() != observation.rays.size()) return {};
+  for (const RaySpread& spread : observation.spreads)
+    if (!spread.at_a.allFinite() || !spread.at_b.allFinite()) return {};
+  Solution best = solve_all_points(target, observation, options);
+  if (!options.robust || !stated) return best;
+  const auto fits = [](const Solution& s) {
+    return s.chi2 <= chi2_quantile(s.dof, kNormalQuantile999);
+  };
+  int iterations = best.iterations;
+  for (int kept = target.size(); kept > 4 && !fits(best); --kept) {
+    Solution next;
+    for (int t = 0; t < target.size(); ++t) {
+      if ((best.left_out >> t & 1u) != 0) continue;
+      const Solution s = solve_without(best.left_out | 1u << t, target, observation, options);
+      iterations += s.iterations;
+      if (std::isfinite(s.chi2) && !(s.chi2 >= next.chi2)) next = s;
+    }
+    if (!std::isfinite(next.chi2)) break;
+    best = next;
+  }
+  best.iterations = iterations;
+  return best;
 }
 
 }  // namespace turntable

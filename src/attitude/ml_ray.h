@@ -16,13 +16,14 @@
 // than 1e-7, a three-thousandth of a standard deviation; this step is taken, so that what is left is
 // about a hundredth of it. Each start has max_iterations of its own.
 //
-// Points in a plane: both poses of start_on_rays are refined, the one of smaller chi^2 is the answer,
-// the other one its rival. It is kAmbiguous if chi^2 of the two differ by less than
-// 16 max(1, chi^2 / dof) of the better: less than four standard deviations. Without spreads: if the
-// rms miss differs by less than a factor of four.
+// Points in a plane, and flat targets: all poses of start_on_rays are refined, the one of smallest
+// chi^2 is the answer, the next best of another attitude its rival. It is kAmbiguous if chi^2 of the
+// two differ by less than 16 max(1, chi^2 / dof) of the better: less than four standard deviations.
+// Without spreads: if the rms miss differs by less than a factor of four.
+// Other targets: where chi^2 ends above its 0.9999 quantile, the planar starts are tried as well.
 // Robust, with spreads and more than four points: while chi^2 is above its 0.999 quantile, the point
-// without which it is smallest is left out, until four are left (DeMenthon's pseudo-inverse is not
-// robust, so that a refit starts from where the last one ended).
+// without which it is smallest is left out, until four are left; every trial starts afresh, since the
+// start is not robust. A chi^2 that is still too large says that the points contradict each other.
 //
 // Domain: any bundle. Where the start says that the rays are too parallel to tell the height, T_z is
 // free to serve as a scale, a ridge of 1e-13 in N keeps it where it means nothing, and it is stated as

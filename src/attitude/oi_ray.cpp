@@ -110,21 +110,21 @@ Solution solve_oi_ray(const TargetModel& target, const Observation& observation,
   if (start.count == 0) return solution;
 
   const OrthogonalIteration iteration(target, observation);
-  std::array<RayEnd, 2> ends;
-  for (std::size_t c = 0; c < static_cast<std::size_t>(start.count); ++c) {
+  std::array<RayEnd, kMaxRayStarts> ends;
+  for (std::size_t c = 0; c < start.count; ++c) {
     ends[c].pose = start.poses[c];
     ends[c].status = iteration.refine(ends[c].pose, options, start.iterations, solution.iterations);
     ends[c].misfit = iteration.misfit(ends[c].pose);
   }
   const auto rms = [&](const RayEnd& end) { return std::sqrt(end.misfit / target.size()); };
-  const Ranking ranking = rank(ends, start.count);
+  const Ranking ranking = rank(std::span(ends).first(start.count));
   const RayEnd& best = ends[ranking.best];
   solution.status = ranking.status;
   solution.R = solution.rows_ijk = best.pose.R;
   solution.position_mm = best.pose.T;
   solution.residual = rms(best);
-  if (ranking.has_rival) {
-    const RayEnd& other = ends[1 - ranking.best];
+  if (ranking.has_rival()) {
+    const RayEnd& other = ends[ranking.rival];
     solution.rival = Rival{other.pose.R, other.pose.T, rms(other)};
   }
   if (!solution.R.allFinite() || !std::isfinite(solution.residual))
@@ -132,6 +132,7 @@ Solution solve_oi_ray(const TargetModel& target, const Observation& observation,
   if (start.height_undefined()) {
     if (solution.status == SolveStatus::kConverged) solution.status = SolveStatus::kHeightUndefined;
     solution.position_mm.z() = Solution::kNaN;
+    if (solution.rival) solution.rival->position_mm.z() = Solution::kNaN;
   }
   return solution;
 }

@@ -14,6 +14,13 @@ constexpr double kMargin = 16.0;
 /// Two refinements that end this near each other are one pose, rad.
 constexpr double kSamePose = 1e-5;
 
+/// A target thinner than this has the planar starts as well.
+constexpr double kFlat = 0.15;
+/// Passes of aopit_ray on a flat target: what has not converged by then creeps.
+constexpr int kFlatPasses = 50;
+
+}  // namespace
+
 RayStart planar_start(const TargetModel& target, const Observation& observation) {
   RayStart start;
   RayBundle bundle;
@@ -48,7 +55,7 @@ RayStart planar_start(const TargetModel& target, const Observation& observation)
     const Vector3d i = (I / s + sign * alpha * n).normalized();
     const Vector3d j = (J / s + sign * beta * n).normalized();
     if (!(i.cross(j).norm() > kMinSine)) continue;
-    RayPose& pose = start.poses[static_cast<std::size_t>(start.count++)];
+    RayPose& pose = start.poses[start.count++];
     pose.R = nearest_rotation_from_rows(i, j);
     pose.T << observation.rays[0].at(observation.planes.a_mm + w, observation.planes),
         observation.planes.a_mm + w;
@@ -60,53 +67,45 @@ RayStart planar_start(const TargetModel& target, const Observation& observation)
   return start;
 }
 
-}  // namespace
-
 RayStart start_on_rays(const TargetModel& target, const Observation& observation,
                        double tolerance_mm, int max_iterations) {
-  if (target.coplanar()) {
-    RayStart start = planar_start(target, observation);
-    if (start.status != SolveStatus::kInvalidInput && max_iterations < 1)
-      start = {SolveStatus::kNotConverged, 0, {}, 0};
-    return start;
-  }
-  // On flat targets the iteration creeps, swings between two ends or runs away.
-  const bool flat = target.thickness() < 0.15;
-  constexpr int kFlatPasses = 50;
-  const int passes = flat ? std::min(max_iterations, kFlatPasses) : max_iterations;
-  const Solution s = solve_aopit_ray(target, observation, {tolerance_mm, passes});
   RayStart start;
-  if (flat && !s.has_attitude() && max_iterations > kFlatPasses) {
+  if (target.thickness() < kFlat) {
     start = planar_start(target, observation);
-    start.iterations += s.iterations;
-    return start;
+    if (start.status == SolveStatus::kInvalidInput) return start;
+    if (max_iterations < 1) return {SolveStatus::kNotConverged, 0, {}, 0};
+    if (target.coplanar()) return start;
+    max_iterations = std::min(max_iterations, kFlatPasses);
   }
-  start.status = s.status;
-  start.iterations = s.iterations;
+  const Solution s = solve_aopit_ray(target, observation, {tolerance_mm, max_iterations});
+  start.iterations += s.iterations;
+  if (start.count == 0) start.status = s.status;
   if (!s.has_attitude()) return start;
-  start.count = 1;
-  start.poses[0] = {s.R, s.position_mm};
-  if (start.height_undefined()) start.poses[0].T.z() = observation.planes.a_mm;
+  RayPose& pose = start.poses[start.count++];
+  pose = {s.R, s.position_mm};
+  if (s.status == SolveStatus::kHeightUndefined) pose.T.z() = observation.planes.a_mm;
   return start;
 }
 
-Ranking rank(const std::array<RayEnd, 2>& ends, int count, double dof) {
-  const auto converged = [&](std::size_t c) { return ends[c].status == SolveStatus::kConverged; };
+Ranking rank(std::span<const RayEnd> ends, double dof) {
+  const auto usable = [&](const RayEnd& end) { return end.status != SolveStatus::kDegenerate; };
   Ranking ranking;
-  if (count == 2 &&
-      (ends[0].status == SolveStatus::kDegenerate ||
-       (ends[1].status != SolveStatus::kDegenerate && ends[1].misfit < ends[0].misfit)))
-    ranking.best = 1;
+  for (std::size_t c = 1; c < ends.size(); ++c)
+    if (usable(ends[c]) &&
+        (!usable(ends[ranking.best]) || ends[c].misfit < ends[ranking.best].misfit))
+      ranking.best = c;
   const RayEnd& best = ends[ranking.best];
-  const RayEnd& other = ends[1 - ranking.best];
   ranking.status = best.status;
-  ranking.has_rival = count == 2 && converged(1 - ranking.best) &&
-                      geodesic_angle(best.pose.R, other.pose.R) > kSamePose;
-  const bool told_apart =
-      dof > 0.0 ? other.misfit - best.misfit >= kMargin * std::max(1.0, best.misfit / dof)
-                : other.misfit >= kMargin * best.misfit;
-  if (ranking.has_rival && best.status == SolveStatus::kConverged && !told_apart)
-    ranking.status = SolveStatus::kAmbiguous;
+  for (std::size_t c = 0; c < ends.size(); ++c)
+    if (usable(ends[c]) && geodesic_angle(best.pose.R, ends[c].pose.R) > kSamePose &&
+        (!ranking.has_rival() || ends[c].misfit < ends[ranking.rival].misfit))
+      ranking.rival = c;
+  if (!ranking.has_rival() || best.status != SolveStatus::kConverged) return ranking;
+  const double other = ends[ranking.rival].misfit;
+  const bool told_apart = dof > 0.0
+                              ? other - best.misfit >= kMargin * std::max(1.0, best.misfit / dof)
+                              : other >= kMargin * best.misfit;
+  if (!told_apart) ranking.status = SolveStatus::kAmbiguous;
   return ranking;
 }
 

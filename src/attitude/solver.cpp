@@ -102,7 +102,7 @@ const Solver* find_solver(std::string_view name) {
 
 const Solver& default_solver() { return *find_solver("ml_ray"); }
 
-void solve_all(const Solver& solver, const TargetModel& target,
+void solve_all(const Solver& solver, const SolveOptions& options, const TargetModel& target,
                std::span<const Observation> observations, std::span<Solution> solutions) {
   assert(observations.size() == solutions.size());
   // A solve takes about a microsecond, taking the next piece of work a tenth of one.
@@ -110,7 +110,7 @@ void solve_all(const Solver& solver, const TargetModel& target,
   parallel_for((observations.size() + kChunk - 1) / kChunk, [&](std::size_t chunk) {
     const std::size_t end = std::min(observations.size(), (chunk + 1) * kChunk);
     for (std::size_t i = chunk * kChunk; i < end; ++i)
-      solutions[i] = solver(target, observations[i]);
+      solutions[i] = solver.function(target, observations[i], options);
   });
 }
 

@@ -103,8 +103,9 @@ struct Solution {
   /// perturbation, as in cramer_rao.h). From the noise of the spots alone. NaN where the method has
   /// none, or nothing is known of the noise; its rows of z are NaN when the height is undefined.
   Matrix6d covariance = Matrix6d::Constant(kNaN);
-  /// Sum of squared residuals in standard deviations, 2n - 6 degrees of freedom; NaN as above.
+  /// Sum of squared residuals in standard deviations; NaN as above.
   double chi2 = kNaN;
+  double dof = kNaN;  ///< of chi2: two per point that was used, less what the pose has taken
   /// Points left out by `SolveOptions::robust`, bit t = point t.
   std::uint32_t left_out = 0;
   std::optional<Rival> rival;
@@ -151,7 +152,7 @@ const Solver* find_solver(std::string_view name);
 const Solver& default_solver();
 
 /// Many sightings of one target on all cores; `solutions[i]` belongs to `observations[i]`.
-void solve_all(const Solver& solver, const TargetModel& target,
+void solve_all(const Solver& solver, const SolveOptions& options, const TargetModel& target,
                std::span<const Observation> observations, std::span<Solution> solutions);
 
 }  // namespace turntable

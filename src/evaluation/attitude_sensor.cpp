@@ -104,6 +104,19 @@ Ray AttitudeSensor::ray(const Vector2d& pixel_px) const {
   return central_ == nullptr ? calibration_.irt.ray(pixel_px) : central_->ray(pixel_px, planes());
 }
 
+/// The observation and what it points into.
+struct AttitudeSensor::Look {
+  Look() = default;
+  Look(const Look&) = delete;
+  Look& operator=(const Look&) = delete;
+
+  std::array<Ray, kMaxTargetPoints> rays;
+  std::array<RaySpread, kMaxTargetPoints> spreads;
+  std::array<Vector2d, kMaxTargetPoints> normalised;
+  Observation observation;
+  bool answered = true;  ///< the camera has a ray for every pixel
+};
+
 RaySpread AttitudeSensor::spread(const Vector2d& pixel_px,
                                  const Eigen::Matrix2d& covariance_px2) const {
   const auto moved = [&](double du, double dv) { return ray(pixel_px + Vector2d(du, dv)); };
@@ -121,6 +134,33 @@ RaySpread AttitudeSensor::spread(const Vector2d& pixel_px,
   return out;
 }
 
+void AttitudeSensor::look(std::span<const Vector2d> points_px,
+                          std::span<const Eigen::Matrix2d> covariances_px2, Look& out) const {
+  const std::size_t n = points_px.size();
+  out.observation.planes = planes();
+  for (std::size_t i = 0; i < n; ++i) {
+    if (sees_rays()) {
+      out.rays[i] = ray(points_px[i]);
+      out.answered = out.answered && finite(out.rays[i]);
+      if (covariances_px2.empty()) continue;
+      out.spreads[i] = spread(points_px[i], covariances_px2[i]);
+      out.answered =
+          out.answered && out.spreads[i].at_a.allFinite() && out.spreads[i].at_b.allFinite();
+    } else {
+      out.normalised[i] = central_ != nullptr
+                              ? central_->normalise(points_px[i])
+                              : directions(calibration_.irt.ray(points_px[i]), planes());
+      out.answered = out.answered && out.normalised[i].allFinite();
+    }
+  }
+  if (sees_rays()) {
+    out.observation.rays = std::span(out.rays).first(n);
+    if (!covariances_px2.empty()) out.observation.spreads = std::span(out.spreads).first(n);
+  } else {
+    out.observation.normalised = std::span(out.normalised).first(n);
+  }
+}
+
 MeasuredAttitude AttitudeSensor::measure(std::span<const Vector2d> points_px,
                                          std::span<const Eigen::Matrix2d> covariances_px2) const {
   MeasuredAttitude out;
@@ -132,38 +172,14 @@ MeasuredAttitude AttitudeSensor::measure(std::span<const Vector2d> points_px,
   out.in_domain = std::ranges::all_of(
       points_px, [&](const Vector2d& p) { return calibration_.irt.in_domain(p); });
 
-  Observation observation;
-  observation.planes = planes();
-  std::array<Ray, kMaxTargetPoints> rays;
-  std::array<RaySpread, kMaxTargetPoints> spreads;
-  std::array<Vector2d, kMaxTargetPoints> normalised;
-  bool answered = true;
-  for (std::size_t i = 0; i < n; ++i) {
-    if (sees_rays()) {
-      rays[i] = ray(points_px[i]);
-      answered = answered && finite(rays[i]);
-      if (covariances_px2.empty()) continue;
-      spreads[i] = spread(points_px[i], covariances_px2[i]);
-      answered = answered && spreads[i].at_a.allFinite() && spreads[i].at_b.allFinite();
-    } else {
-      normalised[i] = central_ != nullptr
-                          ? central_->normalise(points_px[i])
-                          : directions(calibration_.irt.ray(points_px[i]), planes());
-      answered = answered && normalised[i].allFinite();
-    }
-  }
-  if (!answered) {
+  Look seen;
+  look(points_px, covariances_px2, seen);
+  if (!seen.answered) {
     out.status = SolveStatus::kOutsideDomain;
     return out;
   }
-  if (sees_rays()) {
-    observation.rays = std::span(rays).first(n);
-    if (!covariances_px2.empty()) observation.spreads = std::span(spreads).first(n);
-  } else {
-    observation.normalised = std::span(normalised).first(n);
-  }
 
-  const Solution solution = solver_.function(target_, observation, options_);
+  const Solution solution = solver_.function(target_, seen.observation, options_);
   out.status = solution.status;
   out.iterations = solution.iterations;
   out.residual = solution.residual;
@@ -194,6 +210,28 @@ MeasuredAttitude AttitudeSensor::measure(std::span<const Vector2d> points_px,
     out.rival = Rival{R_plane_from_camera_ * solution.rival->R,
                       in_plane(solution.rival->position_mm), solution.rival->residual * focal_px_};
   return out;
+}
+
+PoseUncertainty AttitudeSensor::uncertainty(std::span<const Vector2d> points_px,
+                                            std::span<const Eigen::Matrix2d> covariances_px2,
+                                            const MeasuredAttitude& measured,
+                                            double target_sigma_mm) const {
+  Solution solution;  // a covariance that is not stated stays NaN
+  Look seen;
+  UncertaintySources sources;
+  if (sees_rays() && measured.R_plane_from_target.allFinite()) {
+    look(points_px, covariances_px2, seen);
+    solution.R = measured.R_plane_from_target;
+    solution.position_mm = measured.position_mm;
+    solution.covariance = measured.covariance;
+    solution.left_out = measured.left_out;
+    if (central_ == nullptr && calibration_.irt.covariance().size() > 0)
+      sources.rays_mm2 = calibration_.irt.joint_ray_covariance(points_px);
+    if (target_sigma_mm > 0.0)
+      sources.target_mm2 = target_sigma_mm * target_sigma_mm *
+                           Eigen::MatrixXd::Identity(3 * target_.size(), 3 * target_.size());
+  }
+  return propagate_uncertainty(target_, seen.observation, solution, sources);
 }
 
 }  // namespace turntable

@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "src/attitude/solver.h"
+#include "src/attitude/uncertainty.h"
 #include "src/imaging/calibration.h"
 
 namespace turntable {
@@ -68,6 +69,15 @@ class AttitudeSensor {
   MeasuredAttitude measure(std::span<const Vector2d> points_px,
                            std::span<const Eigen::Matrix2d> covariances_px2 = {}) const;
 
+  /// Where the uncertainty of a measurement comes from: its spots; the rays, if it looked through a
+  /// ray model that states their covariance; the target's coordinates, independent of each other.
+  /// NaN if it has no covariance. Allocates.
+  /// @param points_px, covariances_px2 as they were measured
+  /// @param target_sigma_mm standard uncertainty of each coordinate; 0 = not stated
+  PoseUncertainty uncertainty(std::span<const Vector2d> points_px,
+                              std::span<const Eigen::Matrix2d> covariances_px2,
+                              const MeasuredAttitude& measured, double target_sigma_mm) const;
+
   /// Ray of a pixel through this sensor's camera; NaN where the model has none.
   Ray ray(const Vector2d& pixel_px) const;
   const RayPlanes& planes() const { return calibration_.irt.planes(); }
@@ -77,6 +87,9 @@ class AttitudeSensor {
   std::string_view residual_unit() const { return sees_rays() ? "mm" : "px"; }
 
  private:
+  struct Look;
+  void look(std::span<const Vector2d> points_px, std::span<const Eigen::Matrix2d> covariances_px2,
+            Look& look) const;
   bool sees_rays() const { return solver_.sight == Sight::kRays; }
   RaySpread spread(const Vector2d& pixel_px, const Eigen::Matrix2d& covariance_px2) const;
 

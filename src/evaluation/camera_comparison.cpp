@@ -61,7 +61,7 @@ CameraComparison compare_cameras(const Evaluation& evaluation, const RigFile& ri
     out.cameras.emplace_back(central_name(model->kind));
   out.cameras.push_back("irt");
   for (const char* name : {"posit", "aopit", "aopit_ray", "ml_ray", "opencv_sqpnp"})
-    if (const Solver* solver = find_solver(name)) out.solvers.push_back(solver);
+    out.solvers.push_back(find_solver(name));
 
   const TargetModel target(rig.target.points_mm);
   const Gimbal gimbal(rig.gimbal);

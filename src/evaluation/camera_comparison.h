@@ -2,6 +2,8 @@
 // calibration with every solver, from the same image points.
 //   e_k^2 = pitch^2 + roll^2 + yaw^2 error of pose k,  RMSE = sqrt(mean e^2)   (statistics.h)
 //   change = RMSE - RMSE of the other cell, over the poses that both have measured
+// The RMSE of a cell is over the poses that it has measured: cells with failures are to be compared by
+// their changes, and their failures count first.
 // Intervals are 95 %, by drawing poses again (paired for changes). The noise of a repeat's initial
 // pose is in all of its poses alike, and no interval here knows of it.
 #pragma once

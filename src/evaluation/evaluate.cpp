@@ -13,9 +13,9 @@
 #include "src/core/parallel.h"
 #include "src/core/units.h"
 #include "src/evaluation/attitude_sensor.h"
+#include "src/evaluation/measure_spots.h"
 #include "src/record/csv.h"
 #include "src/vision/matching.h"
-#include "src/vision/spots.h"
 
 namespace turntable {
 namespace {
@@ -32,30 +32,10 @@ struct Setting {
   const EvaluateOptions& options;
   Gimbal gimbal;
   TargetModel target;
-  double gate_mm;  ///< a quarter of the smallest distance between two LEDs: beyond it a match means
-                   ///< nothing
+  double gate_mm;
 };
 
-double smallest_distance(const std::vector<Vector3d>& points) {
-  double smallest = std::numeric_limits<double>::infinity();
-  for (std::size_t i = 0; i < points.size(); ++i)
-    for (std::size_t j = i + 1; j < points.size(); ++j)
-      smallest = std::min(smallest, (points[i] - points[j]).norm());
-  return smallest;
-}
-
-/// Spots of one image.
-struct Seen {
-  std::vector<Vector2d> centres_px;
-  std::vector<double> sigmas_px;  ///< 0 = not stated
-};
-
-Seen spots_of(const TakenImage& taken, const Setting& s) {
-  Seen seen;
-  const auto add = [&](const Vector2d& centre_px, double sigma_px) {
-    seen.centres_px.push_back(centre_px);
-    seen.sigmas_px.push_back(sigma_px);
-  };
+SpotList spots_of(const TakenImage& taken, const Setting& s) {
   if (s.options.spots == SpotSource::kImages && !taken.file.empty()) {
     const Image image = load_image(s.folder, taken);
     if (image.size() != s.calibration.irt.image_size())
@@ -66,13 +46,15 @@ Seen spots_of(const TakenImage& taken, const Setting& s) {
               "Calibrate again at this size.",
               image.width, image.height, s.calibration.irt.image_size().width,
               s.calibration.irt.image_size().height));
-    const SpotSearch search =
-        find_spots(image, {.electrons_per_grey = s.rig.camera.electrons_per_grey});
-    for (const Spot& spot : search.spots) add(spot.centre_px, spot.sigma_px);
-  } else if (taken.spots) {
-    for (const TakenSpot& spot : *taken.spots) add({spot.u_px, spot.v_px}, spot.sigma_px);
+    return spots_in(image, s.rig.camera.electrons_per_grey);
   }
-  return seen;
+  SpotList list;
+  if (taken.spots)
+    for (const TakenSpot& spot : *taken.spots) {
+      list.centres_px.emplace_back(spot.u_px, spot.v_px);
+      list.sigmas_px.push_back(spot.sigma_px);
+    }
+  return list;
 }
 
 /// The LEDs of one pose, in the target's order.
@@ -95,7 +77,7 @@ std::optional<Sighting> sighted(const TakenPose& pose, const Setting& s, Evaluat
   bool stated = true;
   int used = 0;
   for (std::size_t k = 0; k < pose.images.size(); ++k) {
-    const Seen seen = spots_of(pose.images[k], s);
+    const SpotList seen = spots_of(pose.images[k], s);
     if (k == 0) out.spots = static_cast<int>(seen.centres_px.size());
     std::vector<Ray> rays;
     for (const Vector2d& c : seen.centres_px) rays.push_back(s.calibration.irt.ray(c));
@@ -139,7 +121,7 @@ Evaluation evaluate(const RunRecord& record, const RunFolder& folder, const RigF
                         options,
                         Gimbal(rig.gimbal),
                         TargetModel(rig.target.points_mm),
-                        0.25 * smallest_distance(rig.target.points_mm)};
+                        match_gate_mm(rig.target.points_mm)};
   Evaluation evaluation;
   evaluation.solvers = chosen_solvers(calibration, options);
   std::vector<AttitudeSensor> sensors;

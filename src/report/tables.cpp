@@ -162,7 +162,7 @@ std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan
 
 WrittenTable write_camera_solver_table(const RunFolder& folder,
                                        const std::vector<CameraComparison>& comparisons) {
-  Csv csv({"rig", "camera", "solver", "poses", "failed", "rmse_total_deg", "rmse_lower_deg",
+  Csv csv({"run", "camera", "solver", "poses", "failed", "rmse_total_deg", "rmse_lower_deg",
            "rmse_upper_deg", "change_from_posit_deg", "change_from_posit_lower_deg",
            "change_from_posit_upper_deg", "change_from_camera_before_deg",
            "change_from_camera_before_lower_deg", "change_from_camera_before_upper_deg"});
@@ -175,7 +175,9 @@ WrittenTable write_camera_solver_table(const RunFolder& folder,
        "What the camera gains: change against the camera above with the same solver / deg"},
   }};
   std::string md;
+  std::int64_t number = 0;  // 1 = this run
   for (const CameraComparison& c : comparisons) {
+    ++number;
     if (comparisons.size() > 1) md += fmt::format("**{}**\n\n", c.rig);
     for (const auto& [column, title] : kParts) {
       if (column == &CameraSolverCell::from_camera_before_deg && c.cameras.size() < 2) continue;
@@ -204,7 +206,7 @@ WrittenTable write_camera_solver_table(const RunFolder& folder,
       md += "\n\n";
     }
     for (const CameraSolverCell& cell : c.cells) {
-      csv.text(c.rig).text(cell.camera).text(cell.solver->name);
+      csv.integer(number).text(cell.camera).text(cell.solver->name);
       csv.integer(static_cast<std::int64_t>(cell.poses));
       csv.integer(static_cast<std::int64_t>(cell.failed));
       for (const auto& part : kParts) {

@@ -16,8 +16,8 @@ namespace {
 namespace fs = std::filesystem;
 
 const fs::path kSource = TURNTABLE_SOURCE_DIR;
-constexpr const char* kTables[] = {"table1.csv", "table3.csv", "table4.csv", "table5.csv",
-                                   "quick_uniaxial_x.csv"};
+constexpr const char* kTables[] = {"table1.csv", "table3.csv",           "table4.csv",
+                                   "table5.csv", "quick_uniaxial_x.csv", "camera_solver.csv"};
 
 Outcome run(const fs::path& out, const std::string& rig = "simulated", const std::string& more = "",
             const std::string& campaign = "campaigns/quick") {
@@ -66,7 +66,7 @@ TEST(QuickCampaign, AgreesWithTheReferenceTables) {
     for (std::size_t i = 1; i < ours.size(); ++i)
       for (std::size_t j = 0; j < ours[i].size(); ++j) {
         const std::string& name = ours[0][j];
-        if (name.ends_with("_deg")) {
+        if (name.ends_with("_deg") && !reference[i][j].empty() && !ours[i][j].empty()) {
           EXPECT_NEAR(std::stod(ours[i][j]), std::stod(reference[i][j]), kToleranceDeg)
               << table << " " << i << " " << name;
           ++compared;
@@ -240,7 +240,7 @@ TEST(CameraThatLosesSight, FailsPosesWithoutDroppingThem) {
     EXPECT_EQ(csv[i][column(csv, "failed")], "8");
     EXPECT_EQ(csv[i][column(csv, "rmse_total_deg")], "");
   }
-  EXPECT_EQ(rows, 4);  // one per solver
+  EXPECT_EQ(rows, 5);  // one per solver that is shown by default
 }
 
 }  // namespace

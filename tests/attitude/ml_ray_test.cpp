@@ -159,6 +159,87 @@ TEST(MlRay, robust_changes_nothing_for_four_points) {
   EXPECT_EQ(solve(problem, robust).left_out, 0u);
 }
 
+/// n points, M0 among them, in a disc of 60 mm that is flat to `thickness`.
+std::vector<Vector3d> flat_target(Random& random, int n, double thickness) {
+  for (;;) {
+    const Matrix3d Q = problems::random_rotation(random, 180);
+    std::vector<Vector3d> points;
+    for (int t = 0; t < n; ++t)
+      points.push_back(Q * Vector3d(random.uniform(-60, 60), random.uniform(-60, 60),
+                                    60 * thickness * random.uniform(-1, 1)));
+    if (!TargetModel::refusal(points).empty()) continue;
+    const TargetModel target(points);
+    if (!target.coplanar() && target.thickness() < 0.1) return points;
+  }
+}
+
+TEST(MlRay, flat_targets_are_answered_right_or_not_at_all) {
+  // The fixed point of aopit_ray, where it starts from, is a wrong one there in up to every tenth case.
+  Random random = draws_of_this_test();
+  int wrong = 0, answered = 0, start_wrong = 0;
+  constexpr int kDraws = 3000;
+  for (int i = 0; i < kDraws; ++i) {
+    const int n = i % 3 == 0 ? 4 : i % 3 == 1 ? 6 : 12;
+    Problem problem =
+        problems::random_problem(random, flat_target(random, n, random.uniform(0.02, 0.15)), 180);
+    problems::add_noise(problem, 0.05, random);
+    const auto off = [&](const Solution& s) {
+      return s.has_attitude() &&
+             geodesic_angle(problem.R_plane_from_target, s.R) > rad_from_deg(10);
+    };
+    const Solution s = solve(problem, {1e-5, 200});
+    answered += s.has_attitude();
+    wrong += off(s);
+    start_wrong +=
+        off((*find_solver("aopit_ray"))(TargetModel(problem.target_mm), problem.observation()));
+  }
+  std::cout << "ml_ray: " << answered << " of " << kDraws << " answered, " << wrong
+            << " wrong; aopit_ray " << start_wrong << " wrong\n";
+  EXPECT_LE(wrong, kDraws / 500);
+  EXPECT_GT(answered, 0.8 * kDraws);
+  EXPECT_GT(start_wrong, 20);  // else this tests nothing
+}
+
+TEST(MlRay, points_that_contradict_each_other_show_in_chi_square) {
+  Random random = draws_of_this_test();
+  for (int i = 0; i < 50; ++i) {
+    Problem swapped = problems::random_problem(random);
+    problems::add_noise(swapped, 0.05, random);
+    std::swap(swapped.rays[1], swapped.rays[2]);
+    const Solution s = solve(swapped);
+    EXPECT_TRUE(!s.has_attitude() || s.chi2 > 100.0 * s.dof);
+    // Two of five are off: four that agree cannot be found, and nothing pretends that they were.
+    Problem two = problems::random_problem(random, problems::random_target(random, 5));
+    problems::add_noise(two, 0.05, random);
+    for (const std::size_t bad : {1u, 3u})
+      for (Vector2d* at : {&two.rays[bad].at_a, &two.rays[bad].at_b})
+        *at += Vector2d(random.uniform(2, 4), random.uniform(2, 4));
+    SolveOptions robust = kExact;
+    robust.robust = true;
+    const Solution r = solve(two, robust);
+    EXPECT_TRUE(!r.has_attitude() || r.chi2 > 3.0 * r.dof ||
+                geodesic_angle(two.R_plane_from_target, r.R) < rad_from_deg(0.5));
+  }
+}
+
+TEST(MlRay, robust_answers_for_the_first_point_also_where_it_is_left_out) {
+  Random random = draws_of_this_test();
+  SolveOptions robust = kExact;
+  robust.robust = true;
+  for (int i = 0; i < 50; ++i) {
+    Problem problem = problems::random_problem(random, problems::random_target(random, 7));
+    const Problem exact = problem;
+    problems::add_noise(problem, 0.05, random);
+    for (Vector2d* at : {&problem.rays[0].at_a, &problem.rays[0].at_b}) *at += Vector2d(3, -2);
+    const Solution s = solve(problem, robust);
+    ASSERT_EQ(s.left_out, 1u);
+    Vector6d d;
+    d << vector_from_rotation(exact.R_plane_from_target * s.R.transpose()),
+        exact.origin_mm - s.position_mm;
+    EXPECT_LT(d.dot(s.covariance.llt().solve(d)), 40.0);  // 6 degrees of freedom
+  }
+}
+
 TEST(MlRay, parallel_rays_state_everything_but_the_height) {
   Random random = draws_of_this_test();
   const Problem exact = problems::random_problem(random, problems::published_target(), 35.0,

@@ -293,7 +293,7 @@ TEST_P(SolverLaw, many_at_once_come_out_as_one_at_a_time) {
   for (const Problem& problem : problems) observations.push_back(problem.observation());
   const TargetModel model(target());
   std::vector<Solution> together(problems.size());
-  solve_all(solver(), model, observations, together);
+  solve_all(solver(), solver().defaults, model, observations, together);
   for (std::size_t i = 0; i < problems.size(); ++i) {
     const Solution alone = solver()(model, observations[i]);
     EXPECT_EQ(status_name(together[i].status), status_name(alone.status));

@@ -39,7 +39,7 @@ CameraConfig usb(const std::filesystem::path& device) {
   return config;
 }
 
-std::string refusal(const CameraConfig& config) {
+std::string refusal_by_usb(const CameraConfig& config) {
   ManualClock clock;
   try {
     open_usb_camera({config, &clock, {}, {}});
@@ -133,26 +133,26 @@ TEST_F(UsbCameraOnFiles, TurnsColourIntoLuma) {
 TEST_F(UsbCameraOnFiles, RefusesAnotherSizeWhenItIsOpened) {
   CameraConfig config = usb(write_video(1));
   config.image_size = {64, 64};
-  EXPECT_THAT(refusal(config), AllOf(HasSubstr("height 48"), HasSubstr("wanted: 64")));
+  EXPECT_THAT(refusal_by_usb(config), AllOf(HasSubstr("height 48"), HasSubstr("wanted: 64")));
 }
 
 TEST_F(UsbCameraOnFiles, RefusesWhatIsNotThereOrNoVideo) {
-  EXPECT_THAT(refusal(usb(folder / "missing.avi")),
+  EXPECT_THAT(refusal_by_usb(usb(folder / "missing.avi")),
               AllOf(HasSubstr("/camera/device"), HasSubstr("missing.avi"), HasSubstr("Allowed")));
-  EXPECT_THAT(refusal(usb(folder / "missing_%02d.png")), HasSubstr("cannot be opened"));
+  EXPECT_THAT(refusal_by_usb(usb(folder / "missing_%02d.png")), HasSubstr("cannot be opened"));
   spill(folder / "text.avi", "not a video");
-  EXPECT_THAT(refusal(usb(folder / "text.avi")), HasSubstr("cannot be opened"));
+  EXPECT_THAT(refusal_by_usb(usb(folder / "text.avi")), HasSubstr("cannot be opened"));
 }
 
 TEST_F(UsbCameraOnFiles, RefusesToExposeWhatWasTakenEarlier) {
   CameraConfig config = usb(write_video(1));
   config.gain = 3;
-  EXPECT_THAT(refusal(config), AllOf(HasSubstr("/camera/gain"), HasSubstr("taken earlier")));
+  EXPECT_THAT(refusal_by_usb(config), AllOf(HasSubstr("/camera/gain"), HasSubstr("taken earlier")));
 }
 
 TEST(UsbCamera, SaysWhichDevicesThereAreIfTheOneAskedForIsNot) {
   for (const char* device : {"/dev/video963", "963"})
-    EXPECT_THAT(refusal(usb(device)),
+    EXPECT_THAT(refusal_by_usb(usb(device)),
                 AllOf(HasSubstr("/dev/video963"), HasSubstr("Devices that capture")));
   EXPECT_THAT(find_usb_cameras(), Each(AllOf(StartsWith("/dev/video"), HasSubstr(": "))));
 }

@@ -244,10 +244,10 @@ TEST_P(ZolixSc300, DoesNotMoveBeforeItIsConnectedAndHomed) {
 }
 
 TEST_P(ZolixSc300, ConfiguresAControllerThatIsSetUpDifferently) {
-  auto real = three_axes();
+  auto real = sc300_axes();
   real[1].speed = 10;
   real[0].acceleration = 30;
-  SimulatedSc300 rig(GetParam(), three_axes(), real);
+  SimulatedSc300 rig(GetParam(), sc300_axes(), real);
   EXPECT_THAT(rig.controller->connect(), ElementsAre("stage: XA: wanted 20000, found 12000",
                                                      "yaw: YV: wanted 20000, found 8000"));
   EXPECT_THROW(rig.yaw().home(), DeviceError);
@@ -296,7 +296,7 @@ TEST_P(ZolixSc300, MovesTheStageInMillimetres) {
 
 TEST_P(ZolixSc300, FindsItsHomeFromWhereverItWasSwitchedOn) {
   for (const double offset : {-40.0, -0.2, 0.0, 17.3}) {
-    SimulatedSc300 rig(GetParam(), three_axes(), {}, {{AxisId::kYaw, {.home_offset = offset}}});
+    SimulatedSc300 rig(GetParam(), sc300_axes(), {}, {{AxisId::kYaw, {.home_offset = offset}}});
     rig.controller->connect();
     rig.yaw().home();
     EXPECT_TRUE(rig.yaw().homed());

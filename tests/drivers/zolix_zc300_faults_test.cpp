@@ -292,7 +292,7 @@ TEST_F(Zc300Faults, APowerCycleIsNoticedByEveryAxis) {
 }
 
 TEST_F(Zc300Faults, SettingsThatAPowerCycleTookBackMoveNothing) {
-  std::vector<AxisConfig> flash = three_axes();
+  std::vector<AxisConfig> flash = zc300_axes();
   flash[1].speed = 5;
   flash[1].drive_ratio = 90;
   SimulatedZc300 rig({.real = flash, .truth = {}});

@@ -17,7 +17,7 @@ class Zc300RealTime : public ::testing::TestWithParam<LineConfig::Kind> {
   Zc300RealTime() : config(zc300_config(GetParam())) {
     config.reply_timeout_s = 0.2;
     simulator = sim::simulate_controller("zolix-zc300",
-                                         {three_axes(), {}, draws_of_this_test()(), config, 0.002});
+                                         {zc300_axes(), {}, draws_of_this_test()(), config, 0.002});
     simulator->note_requests();
   }
   ~Zc300RealTime() override {
@@ -54,7 +54,7 @@ class Zc300RealTime : public ::testing::TestWithParam<LineConfig::Kind> {
 };
 
 TEST_P(Zc300RealTime, HomesAndMovesTwoAxes) {
-  controller = open_controller({config, three_axes(), served(), &clock});
+  controller = open_controller({config, zc300_axes(), served(), &clock});
   EXPECT_TRUE(controller->connect().empty());
   Axis<Degrees>& yaw = *controller->rotary_axis(AxisId::kYaw);
   Axis<Degrees>& roll = *controller->rotary_axis(AxisId::kRoll);

@@ -335,7 +335,7 @@ TEST_F(ZolixZc300, AgreesWithItsSimulatorAboutTheSetUp) {
 }
 
 TEST_F(ZolixZc300, ConfiguresWhatDiffersAndSavesNothing) {
-  std::vector<AxisConfig> real = three_axes();
+  std::vector<AxisConfig> real = zc300_axes();
   real[0].lead_mm = 5;
   real[1].kind = StageKind::kLinear;
   real[1].lead_mm = 4;
@@ -372,7 +372,7 @@ TEST_F(ZolixZc300, ArrivesToThePulse) {
 }
 
 TEST_F(ZolixZc300, StaysWithinAPulseWhereThePulsesAreFinerThanTheTargets) {
-  std::vector<AxisConfig> other = three_axes();
+  std::vector<AxisConfig> other = zc300_axes();
   other[0].lead_mm = 1;
   other[0].speed = 5;
   other[0].tolerance = 0.000625;
@@ -390,7 +390,7 @@ TEST_F(ZolixZc300, StaysWithinAPulseWhereThePulsesAreFinerThanTheTargets) {
 }
 
 TEST_F(ZolixZc300, FoldsTheRatioOfARotaryAxisIntoItsLead) {
-  std::vector<AxisConfig> other = three_axes();
+  std::vector<AxisConfig> other = zc300_axes();
   other[1].drive_ratio = 90;
   other[1].steps_per_rev = 3200;
   SimulatedZc300 rig({.axes = other});

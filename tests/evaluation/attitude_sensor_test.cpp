@@ -3,7 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <Eigen/Cholesky>
+#include <array>
 #include <cmath>
 
 #include "src/core/errors.h"
@@ -63,6 +63,24 @@ std::vector<Eigen::Matrix2d> same_for_all(const Eigen::Matrix2d& covariance_px2)
   return std::vector<Eigen::Matrix2d>(static_cast<std::size_t>(target().size()), covariance_px2);
 }
 
+/// Errors of (delta, position) over what a covariance says of each, squared and summed.
+struct Squares {
+  std::array<double, 6> sums{};
+
+  void add(const MeasuredAttitude& got, const Pose& true_pose, const Matrix6d& covariance) {
+    const Vector3d turn = vector_from_rotation(true_pose.R * got.R_plane_from_target.transpose());
+    const Vector3d shift = true_pose.at - got.position_mm;
+    for (int i = 0; i < 6; ++i) {
+      const double error = i < 3 ? turn[i] : shift[i - 3];
+      sums[static_cast<std::size_t>(i)] += error * error / covariance(i, i);
+    }
+  }
+  /// Means of chi^2 with one degree of freedom, four standard deviations.
+  void expect_stated(int draws) const {
+    for (const double sum : sums) EXPECT_NEAR(sum / draws, 1.0, 4.0 * std::sqrt(2.0 / draws));
+  }
+};
+
 TEST(AttitudeSensor, ServesEverySolverThroughEveryCameraWithTheSameAnswer) {
   const Pose pose;
   const std::vector<Vector2d> seen = pixels_of(pose, distorting_lens());
@@ -108,31 +126,64 @@ TEST(AttitudeSensor, StatesPositionsInThePlaneFrameOfACameraThatLeans) {
 }
 
 TEST(AttitudeSensor, StatesACovarianceThatItsErrorsHaveUnderUnequalNoise) {
-  Eigen::Matrix2d noise;  // px^2; longer across than along
-  noise << 0.04, 0.015, 0.015, 0.01;
-  const Eigen::Matrix2d L = noise.llt().matrixL();
+  Eigen::Matrix2d L;  // px; longer across than along
+  L << 0.2, 0.0, 0.075, 0.066;
+  const Eigen::Matrix2d noise = L * L.transpose();
   const Pose pose;
   const std::vector<Vector2d> exact = pixels_of(pose, distorting_lens());
   for (const char* camera : {"irt", "brown"}) {
     const AttitudeSensor sensor(calibration(), target(), default_solver(), camera);
     Random random = draws_of_this_test();
     constexpr int kDraws = 400;
-    double nees = 0.0, chi2 = 0.0;
+    Squares squares;
+    double chi2 = 0.0;
     for (int k = 0; k < kDraws; ++k) {
       std::vector<Vector2d> seen = exact;
       for (Vector2d& p : seen) p += L * Vector2d(random.normal(), random.normal());
       const MeasuredAttitude got = sensor.measure(seen, same_for_all(noise));
       ASSERT_TRUE(got.has_attitude());
-      Eigen::Matrix<double, 6, 1> error;
-      error << vector_from_rotation(pose.R * got.R_plane_from_target.transpose()),
-          pose.at - got.position_mm;
-      nees += error.dot(got.covariance.llt().solve(error));
+      squares.add(got, pose, got.covariance);
       chi2 += got.chi2;
     }
-    // Means of 400 draws of chi^2 with 6 and 2 degrees of freedom, four standard deviations.
-    EXPECT_NEAR(nees / kDraws, 6.0, 4.0 * std::sqrt(12.0 / kDraws)) << camera;
+    squares.expect_stated(kDraws);
+    // Mean of 400 draws of chi^2 with 2 degrees of freedom, four standard deviations.
     EXPECT_NEAR(chi2 / kDraws, 2.0, 4.0 * std::sqrt(4.0 / kDraws)) << camera;
   }
+}
+
+TEST(AttitudeSensor, TellsWhatSpotsRaysAndTargetDoToAMeasurement) {
+  Calibration known = calibration();
+  const Eigen::Index terms = known.irt.coefficients().rows();
+  known.irt.set_covariance(1e-4 * Eigen::MatrixXd::Identity(2 * terms, 2 * terms));
+  const std::vector<Vector2d> seen = pixels_of({}, distorting_lens());
+  const std::vector<Eigen::Matrix2d> spots = same_for_all(0.0025 * Eigen::Matrix2d::Identity());
+  const AttitudeSensor by_rays(known, target(), default_solver());
+  const MeasuredAttitude got = by_rays.measure(seen, spots);
+  const PoseUncertainty all = by_rays.uncertainty(seen, spots, got, 0.05);
+  EXPECT_EQ(all.spots, got.covariance);
+  EXPECT_GT(all.rays(0, 0), 0.0);
+  EXPECT_GT(all.target(0, 0), 0.0);
+  EXPECT_EQ(by_rays.uncertainty(seen, spots, got, 0.0).target(0, 0), 0.0);
+  // Nothing is known of the rays of a central model, and nothing of anything without the spots'.
+  const AttitudeSensor by_lens(known, target(), default_solver(), "brown");
+  EXPECT_EQ(by_lens.uncertainty(seen, spots, by_lens.measure(seen, spots), 0.05).rays(0, 0), 0.0);
+  EXPECT_TRUE(std::isnan(by_rays.uncertainty(seen, {}, by_rays.measure(seen), 0.05).total()(0, 0)));
+
+  // The target's part against errors drawn from it.
+  Random random = draws_of_this_test();
+  constexpr int kDraws = 400;
+  Squares squares;
+  for (int k = 0; k < kDraws; ++k) {
+    std::vector<Vector3d> points;
+    for (int t = 0; t < target().size(); ++t)
+      points.push_back(target().points().col(t) +
+                       0.05 * Vector3d(random.normal(), random.normal(), random.normal()));
+    const TargetModel real(points);
+    Pose pose;  // of the real M0, which is beside the drawn one
+    const MeasuredAttitude off = by_rays.measure(pixels_of(pose, distorting_lens(), real), spots);
+    squares.add(off, pose, all.target);
+  }
+  squares.expect_stated(kDraws);
 }
 
 TEST(AttitudeSensor, StatesNoCovarianceIfTheSpotsStateNone) {

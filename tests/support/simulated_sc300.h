@@ -14,7 +14,7 @@
 
 namespace turntable {
 
-inline std::vector<AxisConfig> three_axes() {
+inline std::vector<AxisConfig> sc300_axes() {
   return {linear_axis("X"), rotary_axis(AxisId::kYaw, "Y"), rotary_axis(AxisId::kRoll, "Z")};
 }
 
@@ -32,7 +32,7 @@ inline ControllerConfig sc300_config(bool answers_while_moving) {
 
 struct SimulatedSc300 {
   /// @param real how the simulated controller is set up; by default like the rig file.
-  explicit SimulatedSc300(bool answers_while_moving, std::vector<AxisConfig> axes = three_axes(),
+  explicit SimulatedSc300(bool answers_while_moving, std::vector<AxisConfig> axes = sc300_axes(),
                           std::vector<AxisConfig> real = {}, std::map<AxisId, AxisTruth> truth = {})
       : config(sc300_config(answers_while_moving)), rig_axes(axes) {
     sim::SimulatorSetup setup{real.empty() ? axes : real, truth, draws_of_this_test()()};

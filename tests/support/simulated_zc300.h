@@ -11,7 +11,7 @@
 
 namespace turntable {
 
-inline std::vector<AxisConfig> three_axes() {
+inline std::vector<AxisConfig> zc300_axes() {
   return {linear_axis("X"), rotary_axis(AxisId::kYaw, "Y"), rotary_axis(AxisId::kRoll, "Z")};
 }
 
@@ -25,7 +25,7 @@ inline ControllerConfig zc300_config(LineConfig::Kind kind = LineConfig::Kind::k
 
 struct SimulatedZc300 {
   struct Options {
-    std::vector<AxisConfig> axes = three_axes();
+    std::vector<AxisConfig> axes = zc300_axes();
     std::vector<AxisConfig> real{};  ///< how the simulated controller is set up; empty = the same
     std::map<AxisId, AxisTruth> truth{};
     ControllerConfig config = zc300_config();
