@@ -12,6 +12,7 @@
 #include <opencv2/core/version.hpp>
 #include <optional>
 #include <sstream>
+#include <thread>
 
 #include "src/app/open_rig.h"
 #include "src/app/progress.h"
@@ -247,10 +248,10 @@ struct Taking {
   const RigFile& rig;
   const Plan& plan;
   fs::path root;
-  AcquireOptions options;
-  const Calibration* camera = nullptr;  ///< of a new run that has no sweep
-  bool accepts_changes = false;         ///< of a run that goes on
-  std::vector<std::string> accepted;    ///< what has changed since it began
+  AcquireOptions options = {};
+  const Calibration* camera = nullptr;     ///< of a new run that has no sweep
+  bool accepts_changes = false;            ///< of a run that goes on
+  std::vector<std::string> accepted = {};  ///< what has changed since it began
 };
 
 /// A run goes on with the devices that it began with. @return what differs.
@@ -379,6 +380,15 @@ int plan_command(const PlanArguments& a) {
   const Plan plan = plan_campaign(campaign, rig);
   const PlanReport report = check_plan(plan, rig, {archive_mode_from_name(a.images), a.out});
   fmt::print("{}", plan_summary(plan, report));
+  const std::vector<OrderTime> orders = order_times(campaign, rig);
+  if (!orders.empty()) fmt::print("\n  motion by order of poses (* = as the scenario says):\n");
+  for (std::size_t i = 0; i < orders.size(); ++i) {
+    if (i == 0 || orders[i].scenario != orders[i - 1].scenario)
+      fmt::print("{}  {:<20}", i == 0 ? "" : "\n", campaign.scenarios[orders[i].scenario].name);
+    fmt::print("  {}{} {}", pose_order_name(orders[i].order), orders[i].chosen ? "*" : "",
+               duration_text(orders[i].motion_s));
+  }
+  if (!orders.empty()) fmt::print("\n");
   if (!a.csv.empty()) {
     write_plan_csv(plan, a.csv);
     fmt::print("poses: {}\n", a.csv.string());
@@ -487,9 +497,21 @@ int tell_command(const fs::path& run, const std::string& word) {
     throw ConfigError(run.string(), "",
                       "nobody takes this run now. \"turntable resume\" goes on with one that ended "
                       "early.");
-  fmt::print("{} was told to {}.\n", *who,
-             word == "pause" ? "pause after its pose; \"turntable resume\" lets it go on" : word);
-  return kDone;
+  if (word == "pause") {
+    fmt::print("{} pauses after its pose; \"turntable resume {}\" lets it go on.\n", *who,
+               run.string());
+    return kDone;
+  }
+  // It lets go of the run when its axes stand.
+  constexpr int kPolls = 300;  // of 0.1 s: a long archive may be behind it
+  for (int i = 0; i < kPolls; ++i) {
+    if (!tell_run(run, "who")) {
+      fmt::print("{} was told to stop and has ended.\n", *who);
+      return kDone;
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  }
+  throw NotStopped(fmt::format("{} was told to stop and has not ended.", *who));
 }
 
 int verify_command(const fs::path& run) {
