@@ -97,7 +97,8 @@ RunRecord read_run(const RunFolder& folder) {
         throw ConfigError(name, "",
                           fmt::format("line {} comes before any start document.", entry.seq));
       RunSession& session = record.sessions.back();
-      session.last_utc = entry.utc;
+      if (entry.name != "stop")
+        session.last_utc = entry.utc;  // written later for one that was killed
       if (entry.name == "descriptor") {
         stream_of[entry.doc.at("uid")] = entry.doc.at("name");
       } else if (entry.name == "event") {

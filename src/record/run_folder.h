@@ -82,7 +82,7 @@ struct TakenPose {
 struct RunSession {
   std::string uid;                    ///< of the start document
   std::string start_document;         ///< JSON text
-  std::string began_utc, last_utc;    ///< of its first and last line
+  std::string began_utc, last_utc;    ///< of its first line and the last one before the stop
   std::map<std::string, int> events;  ///< number by stream
   std::string exit_status;            ///< empty: it was killed and wrote no stop document
   std::string reason;
