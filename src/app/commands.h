@@ -113,6 +113,7 @@ struct StudyArguments {
   std::size_t poses = 10000;
   std::uint64_t seed = 1;
   double focal_px = 1945.0, distance_mm = 550.0;
+  std::vector<int> image_size_px{1024, 1024};  ///< width, height
 };
 int study_command(const StudyArguments& a);
 

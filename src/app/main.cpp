@@ -17,6 +17,9 @@ namespace {
 
 using namespace turntable;
 
+/// What a JSON number holds exactly, as in rig files.
+constexpr std::int64_t kLargestSeed = 9007199254740991;
+
 constexpr const char* kExitCodes =
     "Exit codes: 0 done; 2 bad input, nothing moved; 3 device or disk trouble, axes stopped unless "
     "the message says otherwise;\n4 finished, but some poses failed or an axis missed; 130 "
@@ -243,6 +246,15 @@ int main(int argc, char** argv) {
   study_verb->add_option("--focal", study.focal_px, "focal length, px")
       ->check(CLI::Range(10.0, 1e6))
       ->capture_default_str();
+  study_verb
+      ->add_option(
+          "--image-size", study.image_size_px,
+          "width,height of the image, px: the field ends at half the width; pupils walk so "
+          "far over it")
+      ->delimiter(',')
+      ->expected(2)
+      ->check(CLI::Range(16, 65536))
+      ->capture_default_str();
   study_verb->add_option("--distance", study.distance_mm, "camera to target, mm")
       ->check(CLI::Range(1.0, 1e6))
       ->capture_default_str();
@@ -250,7 +262,7 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(40, 1000000))
       ->capture_default_str();
   study_verb->add_option("--seed", study.seed, "of poses and noise")
-      ->check(CLI::NonNegativeNumber)
+      ->check(CLI::Range(std::int64_t{0}, kLargestSeed))
       ->capture_default_str();
   study_verb
       ->add_option("--solver", study.solvers,
@@ -262,7 +274,9 @@ int main(int argc, char** argv) {
       "folder for study.md, tables, figures (default: results/studies/<target>)");
   study_verb->footer(
       "Examples:\n  turntable study\n"
-      "  turntable study --target scenarios/rigs/lab_example.json --distance 800 --poses 2000\n"
+      "  turntable study --target scenarios/targets/corner_75mm.json --focal 2400 --image-size "
+      "1920,1200 "
+      "--distance 800 --poses 2000\n"
       "  turntable study --solver ml_ray,aopit_ray --seed 7 --out results/studies/two");
   study_verb->callback([&] { code = guarded([&] { return study_command(study); }); });
 

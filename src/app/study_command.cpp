@@ -1,5 +1,6 @@
 // "turntable study": how good the solvers are for a target and a camera, before anybody builds a rig.
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 
 #include <algorithm>
 
@@ -36,7 +37,7 @@ std::vector<Vector3d> studied_target(const std::filesystem::path& file) {
   return points_mm;
 }
 
-/// Checked before the work: a folder that is new, empty, or holds an earlier study.
+/// Checked before the work: a folder that is new, empty, or holds nothing but an earlier study.
 void check_study_folder(const std::filesystem::path& out) {
   std::error_code error;
   std::filesystem::path there = std::filesystem::absolute(out, error);
@@ -46,10 +47,35 @@ void check_study_folder(const std::filesystem::path& out) {
   if (!std::filesystem::is_directory(there, error))
     throw ConfigError(there.string(), "", "is a file. Choose a folder for the study (--out).");
   if (!std::filesystem::is_directory(out, error)) return;
-  if (!std::filesystem::is_empty(out, error) &&
-      !std::filesystem::is_regular_file(out / "study.md", error))
-    throw ConfigError(out.string(), "",
-                      "holds other things than a study. Choose a new folder (--out).");
+  if (const std::filesystem::path other = foreign_to_study(out); !other.empty())
+    throw ConfigError(
+        out.string(), "",
+        fmt::format("holds other things than a study, such as {}. Choose a new folder "
+                    "(--out).",
+                    other.string()));
+}
+
+/// Not errors: somebody may want to know. M0 strays as far as `noise_settings` lets it.
+void warn_of_geometry(const StudyOptions& options) {
+  const StudySetting general = noise_settings(options).front();
+  double span_mm = 0.0, radius_mm = 0.0;
+  for (const Vector3d& p : options.target_mm) {
+    radius_mm = std::max(radius_mm, (p - options.target_mm[0]).norm());
+    for (const Vector3d& q : options.target_mm) span_mm = std::max(span_mm, (p - q).norm());
+  }
+  const double px_per_mm = options.focal_px / options.distance_mm;
+  constexpr double kSmallestSpan_px = 20.0;
+  if (span_mm * px_per_mm < kSmallestSpan_px)
+    spdlog::warn(
+        "The target spans {:.3g} mm, which is {:.2g} px at {:g} mm. Are its points in millimetres "
+        "(points_mm)?",
+        span_mm, span_mm * px_per_mm, options.distance_mm);
+  const double farthest_px = (radius_mm + general.poses.lateral_mm) * px_per_mm;
+  if (farthest_px > options.half_field_px)
+    spdlog::warn(
+        "Points are up to {:.0f} px from the axis, the image's edge is at {:.0f} px: poses are not "
+        "cut off at the edge. Give a larger --distance or --image-size, or a smaller --focal.",
+        farthest_px, options.half_field_px);
 }
 
 }  // namespace
@@ -65,6 +91,7 @@ int study_command(const StudyArguments& a) {
   options.poses = a.poses;
   options.seed = a.seed;
   options.focal_px = a.focal_px;
+  options.half_field_px = 0.5 * a.image_size_px.at(0);
   options.distance_mm = a.distance_mm;
   const double radius = TargetModel(options.target_mm).radius_mm();
   if (!(a.distance_mm > 1.25 * radius))
@@ -76,6 +103,7 @@ int study_command(const StudyArguments& a) {
   const std::filesystem::path out =
       a.out.empty() ? std::filesystem::path("results") / "studies" / options.target : a.out;
   check_study_folder(out);
+  warn_of_geometry(options);
   SolverStudy result;
   {
     ProgressLine line("studying");

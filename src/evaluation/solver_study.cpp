@@ -14,7 +14,6 @@
 namespace turntable {
 namespace {
 
-constexpr double kFlippedDeg = 10.0;
 constexpr double kNormal95 = 1.959964;  // quantile of 97.5 %
 constexpr int kResamples = 1000;
 constexpr std::size_t kScenesAtOnce = 64;
@@ -39,17 +38,15 @@ Judgement judgement_of(std::span<const StudyAnswer> answers, std::span<const dou
   Judgement j;
   j.poses = answers.size();
   std::vector<Vector2d> squares;  // e^2 and b^2
-  std::vector<double> normalised;
+  std::vector<double> errors, normalised;
   for (std::size_t i = 0; i < answers.size(); ++i) {
     const double error = answers[i].error_deg, bound = bounds_deg[i];
     if (std::isnan(error)) {
       ++j.no_attitude;
       continue;
     }
-    if (error > kFlippedDeg) ++j.flipped;
-    // A NaN bound (no noise) leaves 1 deg.
-    if (error < std::clamp(bound > 0.0 ? 20.0 * bound : 0.0, 1.0, 30.0)) ++j.success;
-    j.largest_deg = error > j.largest_deg || std::isnan(j.largest_deg) ? error : j.largest_deg;
+    if (error > kFlipped_deg) ++j.flipped;
+    errors.push_back(error);
     squares.emplace_back(error * error, bound * bound);
     if (std::isfinite(answers[i].squared_error)) normalised.push_back(answers[i].squared_error);
   }
@@ -58,6 +55,14 @@ Judgement judgement_of(std::span<const StudyAnswer> answers, std::span<const dou
   Vector2d sum = Vector2d::Zero();
   for (const Vector2d& s : squares) sum += s;
   j.rmse_deg = std::sqrt(sum.x() / n);
+  std::ranges::sort(errors);
+  j.median_deg = percentile(errors, 0.5);
+  j.percentile95_deg = percentile(errors, 0.95);
+  j.largest_deg = errors.back();
+  double worst = 0.0;
+  for (const double e : std::span(errors).last(std::max<std::size_t>(1, errors.size() / 100)))
+    worst += e * e;
+  if (sum.x() > 0.0) j.worst_share = worst / sum.x();
   if (noise_px > 0.0) {
     j.bound_deg = std::sqrt(sum.y() / n);
     j.over_bound = j.rmse_deg / j.bound_deg;
@@ -84,9 +89,10 @@ Judgement judgement_of(std::span<const StudyAnswer> answers, std::span<const dou
   return j;
 }
 
-SceneLens study_lens(double focal_px, double distance_mm) {
+SceneLens study_lens(double focal_px, double half_field_px, double distance_mm) {
   SceneLens lens;
   lens.focal_px = focal_px;
+  lens.half_field_px = half_field_px;
   lens.centre_mm.z() = 0.5 * (lens.planes.a_mm + lens.planes.b_mm) + distance_mm;
   return lens;
 }
@@ -200,7 +206,7 @@ std::vector<const Solver*> study_solvers() {
 }
 
 std::vector<StudySetting> noise_settings(const StudyOptions& options) {
-  const SceneLens lens = study_lens(options.focal_px, options.distance_mm);
+  const SceneLens lens = study_lens(options.focal_px, options.half_field_px, options.distance_mm);
   std::vector<StudySetting> bases{
       {options.target, options.target_mm, {.name = "general"}, lens},
       {options.target,
@@ -214,10 +220,12 @@ std::vector<StudySetting> noise_settings(const StudyOptions& options) {
     bases.push_back({"axes",
                      axes,
                      {.name = "quarter_turns", .view_high_deg = 0.0, .quarter_turns = true},
-                     study_lens(1945.0, 550.0)});
+                     study_lens(1945.0, 512.0, 550.0)});
     const std::vector<Vector3d> corner{{0, 0, 0}, {75, 0, 0}, {0, 75, 0}, {0, 0, 75}};
-    bases.push_back(
-        {"corner_75", corner, {.name = "general", .view_high_deg = 30.0}, study_lens(1800.0, 1e3)});
+    bases.push_back({"corner_75",
+                     corner,
+                     {.name = "general", .view_high_deg = 30.0},
+                     study_lens(1800.0, 512.0, 1e3)});
     place_at(bases.back().poses, 1e3);
   }
   return bases;
@@ -269,7 +277,7 @@ StudySetting basin_centre(const StudyOptions& options) {
   StudySetting centre{options.target,
                       options.target_mm,
                       {.name = "basin", .view_low_deg = 30.0, .view_high_deg = 30.0},
-                      study_lens(options.focal_px, options.distance_mm)};
+                      study_lens(options.focal_px, options.half_field_px, options.distance_mm)};
   place_at(centre.poses, options.distance_mm);
   centre.noise_px = 0.5;  // where the weaker methods begin to fail
   return centre;
@@ -305,7 +313,7 @@ void set_factor(StudySetting& setting, Factor factor, double value) {
       setting.poses.view_low_deg = setting.poses.view_high_deg = value;
       break;
     case Factor::kDistance:
-      setting.lens = study_lens(setting.lens.focal_px, value);
+      setting.lens = study_lens(setting.lens.focal_px, setting.lens.half_field_px, value);
       place_at(setting.poses, value);
       break;
     case Factor::kDepth: {

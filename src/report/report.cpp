@@ -172,6 +172,35 @@ std::string provenance_text(const RunRecord& record) {
   return md;
 }
 
+/// What a cell of the table of cameras and solvers counts, and where else its measurements appear.
+std::string counted_poses(const std::vector<CameraComparison>& comparisons) {
+  std::string md = "A cell counts";
+  for (std::size_t i = 0; i < comparisons.size(); ++i)
+    md += fmt::format("{} {} poses",
+                      i == 0                       ? ""
+                      : i + 1 < comparisons.size() ? ","
+                                                   : " and",
+                      comparisons[i].cells.empty() ? 0 : comparisons[i].cells.front().poses);
+  md += fmt::format(
+      "{}, all scenarios and repeats together without the initial poses, less those that failed. ",
+      comparisons.size() > 1 ? ", run by run" : "");
+  const std::vector<std::string>& cameras = comparisons.front().cameras;
+  const auto same = [&](const std::string& camera, const char* solver, const char* row) {
+    return fmt::format("{} x {} = `{}`, ", camera, solver, row);
+  };
+  md += "The rows of the tables above are cells too, there repeat by repeat: ";
+  for (const std::string& camera : cameras)
+    if (camera == "pinhole")
+      md += same(camera, "posit", "posit");
+    else if (camera != "irt")
+      md +=
+          same(camera, "posit", "posit_undistorted") + same(camera, "opencv_sqpnp", "opencv_sqpnp");
+  return md +
+         "irt x aopit = `aopit`, irt x aopit_ray = `aopit_ray`, irt x ml_ray = `ml_ray` (those "
+         "that "
+         "were asked for).";
+}
+
 }  // namespace
 
 std::filesystem::path write_report(const RunFolder& folder, const RunRecord& record,
@@ -225,11 +254,15 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
     const WrittenTable t = write_camera_solver_table(folder, cameras);
     md += fmt::format(
         "## {}\n\n"
-        "Every camera model with every solver, on the same image points of all attitude poses. A "
-        "change below zero is a gain; an interval that holds zero says that this run cannot tell. "
-        "Intervals come from drawing poses again; the noise of the initial poses is not in "
-        "them.\n\n{}",
-        t.title, t.markdown);
+        "Every camera model with every solver, on the same image points. {} A change is taken over "
+        "the poses that both cells have measured; below zero it is a gain; an interval that holds "
+        "zero says that this run cannot tell.\n\n"
+        "Intervals come from drawing poses again, with one calibration, one target and the same "
+        "initial poses: the errors of those, which all poses share, are not in them. Small "
+        "differences between cameras, sure as their intervals look, are this calibration's; "
+        "another "
+        "one may turn them round.\n\n{}",
+        t.title, counted_poses(cameras), t.markdown);
   }
 
   md += "## Failed poses\n\n" + failures_text(evaluation, record.plan);

@@ -26,8 +26,13 @@ Csv basin_map_csv(const SolverStudy& study);
 /// @throws RecordError.
 std::vector<Draft> study_drafts(const std::filesystem::path& folder, const SolverStudy& study);
 
-/// study.md, tables/noise.csv, tables/basin.csv, tables/basin_map.csv, figures/. @return study.md.
-/// @throws RecordError.
+/// What lies in a folder beside the files of a study (study.md, and what is named like its tables and
+/// figures), or empty if there is nothing else. A folder that holds things but no study.md is no
+/// study's: the first of them is returned.
+std::filesystem::path foreign_to_study(const std::filesystem::path& folder);
+
+/// study.md, tables/noise.csv, tables/basin.csv, tables/basin_map.csv, figures/. An earlier study's
+/// files go first, so that no figure of another target stays. @return study.md. @throws RecordError.
 std::filesystem::path write_study_report(const std::filesystem::path& folder,
                                          const SolverStudy& study);
 

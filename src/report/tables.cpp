@@ -172,7 +172,7 @@ WrittenTable write_camera_solver_table(const RunFolder& folder,
       {&CameraSolverCell::from_first_solver_deg,
        "What the solver gains: change against POSIT with the same camera / deg"},
       {&CameraSolverCell::from_camera_before_deg,
-       "What the camera gains: change against the camera above with the same solver / deg"},
+       "What the camera gains: change against another camera with the same solver / deg"},
   }};
   std::string md;
   std::int64_t number = 0;  // 1 = this run
@@ -180,7 +180,8 @@ WrittenTable write_camera_solver_table(const RunFolder& folder,
     ++number;
     if (comparisons.size() > 1) md += fmt::format("**{}**\n\n", c.rig);
     for (const auto& [column, title] : kParts) {
-      if (column == &CameraSolverCell::from_camera_before_deg && c.cameras.size() < 2) continue;
+      const bool of_cameras = column == &CameraSolverCell::from_camera_before_deg;
+      if (of_cameras && c.cameras.size() < 2) continue;
       md += fmt::format("{}:\n\n| camera |", title);
       std::string line = "|---|";
       for (const Solver* solver : c.solvers) {
@@ -190,7 +191,11 @@ WrittenTable write_camera_solver_table(const RunFolder& folder,
       md += "\n" + line;
       for (std::size_t k = 0; k < c.cells.size(); ++k) {
         const CameraSolverCell& cell = c.cells[k];
-        if (k % c.solvers.size() == 0) md += fmt::format("\n| {} |", cell.camera);
+        if (of_cameras && k < c.solvers.size()) continue;  // against nothing
+        if (k % c.solvers.size() == 0)
+          md += of_cameras ? fmt::format("\n| {} against {} |", cell.camera,
+                                         c.cells[k - c.solvers.size()].camera)
+                           : fmt::format("\n| {} |", cell.camera);
         const WithInterval& v = cell.*column;
         const bool is_change = column != &CameraSolverCell::rmse_deg;
         md += !std::isfinite(v.value) ? std::string(" - |")

@@ -54,6 +54,10 @@ TEST(QuickCampaign, AgreesWithTheReferenceTables) {
   const Outcome outcome = run(folder / "run");
   ASSERT_EQ(outcome.code, 0) << outcome.output;
   EXPECT_NE(outcome.output.find("simulated"), std::string::npos);
+  EXPECT_NE(slurp(folder / "run/tables/camera_solver.md").find("| irt against brown |"),
+            std::string::npos);
+  EXPECT_NE(slurp(folder / "run/report.md").find("brown x posit = `posit_undistorted`"),
+            std::string::npos);
   // The same seed gives the same images; another processor's floating point may move the last
   // digits of a centre.
   constexpr double kToleranceDeg = 2e-4;

@@ -46,6 +46,38 @@ TEST(Study, WritesTextTablesAndFiguresOfATarget) {
             std::string::npos);
 }
 
+TEST(Study, LeavesNothingOfAnEarlierStudyOfAnotherTarget) {
+  TemporaryFolder folder;
+  const std::string few = " --poses 40 --solver ml_ray --target scenarios/";
+  ASSERT_EQ(run_study(folder / "a", few + "rigs/simulated.json").code, 0);
+  ASSERT_TRUE(fs::exists(folder / "a/figures/noise_simulated_general.csv"));
+  ASSERT_EQ(run_study(folder / "a", few + "targets/corner_75mm.json").code, 0);
+  for (const auto& entry : fs::recursive_directory_iterator(folder / "a"))
+    EXPECT_EQ(entry.path().filename().string().find("simulated"), std::string::npos)
+        << entry.path();
+  EXPECT_TRUE(fs::exists(folder / "a/figures/noise_corner_75mm_general.csv"));
+}
+
+TEST(Study, TakesSomebodysCameraAndSaysWhereTheTargetDoesNotFitIt) {
+  TemporaryFolder folder;
+  spill(folder / "metres.json",
+        R"({"format": "turntable-target/1", "title": "in metres by mistake", "points_mm":
+           [[0, 0, 0], [0.0586, 0.013, -0.04], [-0.0406, 0.0442, -0.04], [-0.018, -0.0572, -0.04]]})");
+  const Outcome tiny = run_study(folder / "a", "--poses 40 --solver ml_ray --target \"" +
+                                                   (folder / "metres.json").string() + "\"");
+  EXPECT_EQ(tiny.code, 0) << tiny.output;
+  EXPECT_NE(tiny.output.find("Are its points in millimetres"), std::string::npos) << tiny.output;
+  const std::string target = "--poses 40 --solver ml_ray --target scenarios/rigs/simulated.json ";
+  const Outcome wide = run_study(folder / "b", target + "--image-size 1920,1200");
+  EXPECT_EQ(wide.output.find("Are its points"), std::string::npos) << wide.output;
+  EXPECT_EQ(wide.output.find("image's edge"), std::string::npos) << wide.output;
+  EXPECT_NE(slurp(folder / "b/study.md").find("f = 1945 px, 960 px (26.3 deg) from the axis"),
+            std::string::npos);
+  const Outcome narrow = run_study(folder / "c", target + "--image-size 640,480");
+  EXPECT_NE(narrow.output.find("the image's edge is at 320 px"), std::string::npos)
+      << narrow.output;
+}
+
 TEST(Study, RefusesWhatItCannotStudyAndWritesNothing) {
   TemporaryFolder folder;
   struct Slip {
@@ -58,7 +90,9 @@ TEST(Study, RefusesWhatItCannotStudyAndWritesNothing) {
            {"--target scenarios/uniaxial_z.json", {"uniaxial_z.json", "/format", "scenario"}},
            {"--poses 0", {"--poses"}},
            {"--poses many", {"--poses"}},
-           {"--seed -1", {"--seed"}},
+           {"--seed -1", {"--seed", "0 to 9007199254740991"}},
+           {"--image-size 1920", {"--image-size"}},
+           {"--image-size 1920,0", {"--image-size"}},
            {"--focal 0", {"--focal"}},
            {"--distance 60", {"--distance", "60 mm", "90.2 mm"}},
            {"surplus", {"surplus"}},
@@ -69,6 +103,19 @@ TEST(Study, RefusesWhatItCannotStudyAndWritesNothing) {
       EXPECT_NE(outcome.output.find(words), std::string::npos)
           << "no \"" << words << "\" in: " << outcome.output;
     EXPECT_FALSE(fs::exists(folder / "out")) << slip.options;
+  }
+  // Of a study and somebody's own.
+  fs::create_directories(folder / "mixed/figures");
+  spill(folder / "mixed/study.md", "a study");
+  spill(folder / "mixed/figures/noise_old.svg", "a figure");
+  for (const char* own : {"letter.txt", "figures/photo.png", "tables"}) {
+    spill(folder / "mixed" / own, "mine");
+    const Outcome outcome = run_study(folder / "mixed", "--poses 40");
+    EXPECT_EQ(outcome.code, 2) << outcome.output;
+    EXPECT_NE(outcome.output.find(own), std::string::npos) << outcome.output;
+    EXPECT_EQ(slurp(folder / "mixed" / own), "mine");
+    EXPECT_EQ(slurp(folder / "mixed/figures/noise_old.svg"), "a figure");
+    fs::remove(folder / "mixed" / own);
   }
   fs::create_directory(folder / "full");
   spill(folder / "full/letter.txt", "mine");

@@ -115,7 +115,10 @@ TEST(NoiseStudy, NeitherOfTheTwoFailsOrFlips) {
       EXPECT_EQ(judgement->poses, kPoses);
       EXPECT_EQ(judgement->no_attitude, 0u) << name_of(j);
       EXPECT_EQ(judgement->flipped, 0u) << name_of(j);
-      EXPECT_EQ(judgement->success, kPoses) << name_of(j);
+      EXPECT_EQ(judgement->success(), kPoses) << name_of(j);
+      // Nothing strays beyond what noise can explain.
+      EXPECT_LT(judgement->largest_deg, std::max(1.0, 20.0 * judgement->bound_deg)) << name_of(j);
+      EXPECT_FALSE(judgement->heavy_tail()) << name_of(j);
     }
 }
 
@@ -129,6 +132,25 @@ TEST(NoiseStudy, SolversThatTakeTheLensForCentralLoseWhatItWalks) {
       EXPECT_GT(j.aopit.over_bound, 1.02 * j.aopit_ray.over_bound) << name_of(j);
     }
   }
+}
+
+// A few poses in ten thousand, whose start is poor, make the RMSE of AOPIT as published.
+TEST(NoiseStudy, FewPosesThatMakeAnRmseAreNoticed) {
+  bool noticed = false;
+  for (const Judged& j : judged()) {
+    for (const Judgement* judgement : {&j.posit, &j.aopit, &j.aopit_ray, &j.ml_ray}) {
+      EXPECT_LT(judgement->median_deg, judgement->percentile95_deg) << name_of(j);
+      EXPECT_LT(judgement->percentile95_deg, judgement->largest_deg) << name_of(j);
+      EXPECT_GT(judgement->worst_share, 0.01) << name_of(j);
+    }
+    EXPECT_FALSE(j.posit.heavy_tail()) << name_of(j);
+    noticed = noticed || j.aopit.heavy_tail();
+    // The bulk of its poses is as good as that of the others.
+    if (j.aopit.heavy_tail()) {
+      EXPECT_LT(j.aopit.median_deg, 1.1 * j.posit.median_deg) << name_of(j);
+    }
+  }
+  EXPECT_TRUE(noticed);
 }
 
 TEST(StudyScene, JacobianOfTheLensIsWhatMovingAPointDoesToItsImage) {
@@ -200,8 +222,10 @@ TEST(BasinStudy, DeepTargetsAreSolvedAtAnyViewAngle) {
   for (const double view_deg : {0.0, 40.0, 80.0}) {
     StudySetting setting = basin_centre({});
     set_factor(setting, Factor::kViewAngle, view_deg);
-    for (const Judgement& j : judge_solvers(setting, solvers, 200, kSeed, 0))
-      EXPECT_EQ(j.success, 200u) << view_deg;
+    for (const Judgement& j : judge_solvers(setting, solvers, 200, kSeed, 0)) {
+      EXPECT_EQ(j.success(), 200u) << view_deg;
+      EXPECT_LT(j.largest_deg, std::max(1.0, 20.0 * j.bound_deg)) << view_deg;
+    }
   }
 }
 
@@ -218,9 +242,23 @@ TEST(BasinStudy, FlatTargetsAreSolvedByMaximumLikelihoodAndNotByFixedPoints) {
       EXPECT_GT(judgements[2].success_rate(), 0.95) << ratio << ", " << view_deg;
       EXPECT_LE(judgements[2].flipped, 5u) << ratio << ", " << view_deg;
       if (view_deg > 0.0) continue;
-      EXPECT_EQ(judgements[0].success, 0u);
-      EXPECT_EQ(judgements[1].success, 0u);
+      EXPECT_EQ(judgements[0].success(), 0u);
+      EXPECT_EQ(judgements[1].success(), 0u);
     }
+}
+
+// A limit that grew with the noise would have it so.
+TEST(BasinStudy, NoSolverGainsByWorseImages) {
+  const auto solvers = rows_named({"opencv_epnp", "ml_ray"});
+  std::vector<Judgement> before;
+  for (const double noise_px : {0.05, 0.5, 5.0}) {
+    StudySetting setting = basin_centre({});
+    setting.noise_px = noise_px;
+    const auto now = judge_solvers(setting, solvers, 500, kSeed, 0);
+    for (std::size_t s = 0; s < before.size(); ++s)
+      EXPECT_LE(now[s].success_95().lower, before[s].success_95().upper) << noise_px << ", " << s;
+    before = now;
+  }
 }
 
 TEST(SolverStudy, DoesNotDependOnTheNumberOfPosesOrOnWhoElseIsJudged) {
@@ -250,7 +288,6 @@ TEST(SolverStudy, IntervalsHoldWhatTheyAreAbout) {
               2.0 * 1.96 * squared_error_sd(1000), 0.3 * 2.0 * 1.96 * squared_error_sd(1000));
   Judgement rare;
   rare.poses = 1000;
-  rare.success = 1000;
   EXPECT_NEAR(rare.success_95().lower, 1.0 - 3.84 / 1003.84, 1e-4);
   EXPECT_EQ(rare.success_95().upper, 1.0);
 }
@@ -282,7 +319,7 @@ TEST(SolverStudy, TargetsInAPlaneHaveNoDepthToVary) {
   EXPECT_TRUE(result.map.empty());
   for (const BasinRow& row : result.basin) EXPECT_NE(row.factor, Factor::kDepth);
   for (const NoiseRow& row : result.noise) {
-    EXPECT_GT(row.judgements[0].success, 0u);
+    EXPECT_GT(row.judgements[0].success(), 0u);
     EXPECT_EQ(row.judgements[1].no_attitude, 40u);
     EXPECT_TRUE(std::isnan(row.judgements[1].over_bound));
   }
