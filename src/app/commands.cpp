@@ -1,6 +1,7 @@
 #include "src/app/commands.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <spdlog/spdlog.h>
 #include <unistd.h>
 
@@ -11,6 +12,7 @@
 #include <opencv2/core/version.hpp>
 #include <optional>
 #include <sstream>
+#include <thread>
 
 #include "src/app/open_rig.h"
 #include "src/app/progress.h"
@@ -22,6 +24,8 @@
 #include "src/evaluation/calibrate.h"
 #include "src/evaluation/evaluate.h"
 #include "src/record/atomic_file.h"
+#include "src/record/sha256.h"
+#include "src/record/verify.h"
 #include "src/report/report.h"
 #include "version.h"
 
@@ -238,31 +242,82 @@ void print_list(const std::vector<std::string>& lines) {
 }
 
 /// The part of a run that has the rig; afterwards it is free for others.
+struct Taking {
+  const TakeArguments& arguments;
+  std::string command;  ///< for the journal and for other programs
+  const RigFile& rig;
+  const Plan& plan;
+  fs::path root;
+  AcquireOptions options = {};
+  const Calibration* camera = nullptr;     ///< of a new run that has no sweep
+  bool accepts_changes = false;            ///< of a run that goes on
+  std::vector<std::string> accepted = {};  ///< what has changed since it began
+};
+
+/// A run goes on with the devices that it began with. @return what differs.
+std::vector<std::string> other_devices(const Rig& rig, const RunRecord& before) {
+  std::vector<std::string> differences;
+  if (before.start_document.empty()) return differences;
+  const auto start = nlohmann::json::parse(before.start_document);
+  const auto devices = start.value("devices", std::vector<std::string>{});
+  for (std::size_t i = 0; i < std::max(devices.size(), rig.identities.size()); ++i) {
+    const std::string then = i < devices.size() ? devices[i] : "nothing";
+    const std::string now = i < rig.identities.size() ? rig.identities[i] : "nothing";
+    if (then != now) differences.push_back(fmt::format("device: {}; at the start: {}", now, then));
+  }
+  const std::string camera = start.value("camera", "");
+  if (camera != rig.camera->identity())
+    differences.push_back(
+        fmt::format("camera: {}; at the start: {}", rig.camera->identity(), camera));
+  return differences;
+}
+
+void refuse_changes(const fs::path& run, const std::vector<std::string>& differences) {
+  if (differences.empty()) return;
+  throw ConfigError(
+      run.string(), "",
+      fmt::format("is not what it was when the run began; nothing has moved:\n  {}\n"
+                  "Put it back as it was, or give --accept-changes: the run then goes on with its "
+                  "own copies of the files, and the journal says what has changed.",
+                  fmt::join(differences, "\n  ")));
+}
+
 /// @param folder is there as soon as it has been made.
-AcquireSummary take_poses(const RunArguments& a, const RigFile& rig_file, const Plan& plan,
-                          const CameraSource& camera, const fs::path& root, ArchiveMode archive,
-                          std::optional<RunFolder>& folder) {
+AcquireSummary take_poses(const Taking& taking, std::optional<RunFolder>& folder) {
+  const TakeArguments& a = taking.arguments;
+  const RunRecord* before = taking.options.before;
   // The devices are asked before anything is written or moves.
   std::fflush(stdout);
-  const RigLock lock(rig_file, fmt::format("run {}", a.scenario.string()));
-  Rig rig = open_rig(rig_file, {a.configure, a.assume_mounted, a.wire_log, a.speed});
+  const RigLock lock(taking.rig, taking.command, taking.root);
+  request_pause(false);
+  Rig rig = open_rig(taking.rig, {a.configure, a.assume_mounted, a.wire_log, a.speed});
   fmt::print("devices:\n");
   print_list(rig.identities);
-  check_devices(rig, rig_file, plan);
-  folder = RunFolder::create(root, plan);
-  if (camera.loaded) write_atomically(folder->calibration(), calibration_to_json(*camera.loaded));
+  check_devices(rig, taking.rig, taking.plan, taking.options);
+  nlohmann::json start = provenance(taking.rig, taking.command);
+  if (before == nullptr) {
+    folder = RunFolder::create(taking.root, taking.plan);
+    if (taking.camera != nullptr)
+      write_atomically(folder->calibration(), calibration_to_json(*taking.camera));
+  } else {
+    folder = RunFolder::open(taking.root);
+    std::vector<std::string> changes = other_devices(rig, *before);
+    if (!taking.accepts_changes) refuse_changes(taking.root, changes);
+    changes.insert(changes.begin(), taking.accepted.begin(), taking.accepted.end());
+    if (!changes.empty()) start["accepted_changes"] = changes;
+  }
   fmt::print("run: {}\n", folder->root().string());
   std::fflush(stdout);
   const auto kept = [&](std::string_view axes) {
-    fmt::print("{}What was taken is kept in {}; \"turntable evaluate {}\" evaluates it.\n", axes,
-               folder->root().string(), folder->root().string());
+    const std::string root = folder->root().string();
+    fmt::print(
+        "{}What was taken is kept in {}. \"turntable resume {}\" goes on with it, "
+        "\"turntable evaluate {}\" evaluates it as it is.\n",
+        axes, root, root, root);
   };
   try {
     ProgressLine line("taking poses");
-    AcquireOptions options;
-    options.archive = archive;
-    const nlohmann::json start = provenance(rig_file, fmt::format("run {}", a.scenario.string()));
-    return acquire(rig, rig_file, plan, *folder, start, options,
+    return acquire(rig, taking.rig, taking.plan, *folder, start, taking.options,
                    [&](const Progress& p) { line.update(p.done, p.total, p.phase, p.eta_s); });
   } catch (const NotStopped&) {
     kept("");
@@ -271,6 +326,49 @@ AcquireSummary take_poses(const RunArguments& a, const RigFile& rig_file, const 
     kept("The axes are stopped. ");
     throw;
   }
+}
+
+/// Takes the poses and evaluates the run. @return exit code.
+int take_and_finish(const Taking& taking, const std::optional<Calibration>& loaded,
+                    const EvaluateOptions& options, const std::vector<RunFolder>& beside) {
+  std::optional<RunFolder> made;
+  const AcquireSummary summary = take_poses(taking, made);
+  const RunFolder& folder = *made;
+  fmt::print("{} poses taken: {} on the rig's clock, {} by the wall\n", summary.poses,
+             duration_text(summary.rig_s), duration_text(summary.wall_s));
+  try {
+    const int code = finish(folder, loaded, options, true, beside);
+    return code == kDone && summary.failed > 0 ? kFailedPoses : code;
+  } catch (const Interrupted&) {
+    throw;
+  } catch (const RecordError&) {
+    throw;
+  } catch (const std::exception& e) {
+    // The rig has done its work and nothing is lost: this is not bad input any more.
+    spdlog::error("{}", e.what());
+    spdlog::error(
+        "The poses were taken, but could not be evaluated; \"turntable evaluate {}\" tries again.",
+        folder.root().string());
+    return kFailedPoses;
+  }
+}
+
+/// Files of the plan that have changed since it was frozen.
+std::vector<std::string> changed_files(const Plan& plan) {
+  std::vector<std::string> changes;
+  const auto look = [&](const FrozenText& frozen) {
+    std::string now;
+    try {
+      now = read_text(frozen.file);
+    } catch (const ConfigError&) {
+      return;  // a run may be taken to another computer: its own copy is what counts
+    }
+    if (now != frozen.text)
+      changes.push_back(fmt::format("{}: has changed since the run began", frozen.file));
+  };
+  look(plan.rig);
+  for (const FrozenText& source : plan.sources) look(source);
+  return changes;
 }
 
 }  // namespace
@@ -282,6 +380,15 @@ int plan_command(const PlanArguments& a) {
   const Plan plan = plan_campaign(campaign, rig);
   const PlanReport report = check_plan(plan, rig, {archive_mode_from_name(a.images), a.out});
   fmt::print("{}", plan_summary(plan, report));
+  const std::vector<OrderTime> orders = order_times(campaign, rig);
+  if (!orders.empty()) fmt::print("\n  motion by order of poses (* = as the scenario says):\n");
+  for (std::size_t i = 0; i < orders.size(); ++i) {
+    if (i == 0 || orders[i].scenario != orders[i - 1].scenario)
+      fmt::print("{}  {:<20}", i == 0 ? "" : "\n", campaign.scenarios[orders[i].scenario].name);
+    fmt::print("  {}{} {}", pose_order_name(orders[i].order), orders[i].chosen ? "*" : "",
+               duration_text(orders[i].motion_s));
+  }
+  if (!orders.empty()) fmt::print("\n");
   if (!a.csv.empty()) {
     write_plan_csv(plan, a.csv);
     fmt::print("poses: {}\n", a.csv.string());
@@ -315,26 +422,112 @@ int run_command(const RunArguments& a) {
     return kDone;
   }
 
-  std::optional<RunFolder> made;
-  const AcquireSummary summary = take_poses(a, rig_file, plan, camera, root, archive, made);
-  const RunFolder& folder = *made;
-  fmt::print("{} poses taken: {} on the rig's clock, {} by the wall\n", summary.poses,
-             duration_text(summary.rig_s), duration_text(summary.wall_s));
-  try {
-    const int code = finish(folder, camera.loaded, options, true, beside);
-    return code == kDone && summary.failed > 0 ? kFailedPoses : code;
-  } catch (const Interrupted&) {
-    throw;
-  } catch (const RecordError&) {
-    throw;
-  } catch (const std::exception& e) {
-    // The rig has done its work and nothing is lost: this is not bad input any more.
-    spdlog::error("{}", e.what());
-    spdlog::error(
-        "The poses were taken, but could not be evaluated; \"turntable evaluate {}\" tries again.",
-        folder.root().string());
-    return kFailedPoses;
+  Taking taking{a, fmt::format("run {}", a.scenario.string()), rig_file, plan, root};
+  taking.options.archive = archive;
+  if (camera.loaded) taking.camera = &*camera.loaded;
+  return take_and_finish(taking, camera.loaded, options, beside);
+}
+
+int resume_command(const ResumeArguments& a) {
+  const RunFolder folder = RunFolder::open(a.run);
+  if (const auto who = tell_run(a.run, "resume")) {
+    fmt::print("{} goes on with it.\n", *who);
+    return kDone;
   }
+  EvaluateOptions options = solvers_named(a.solvers);
+  if (a.solvers.empty()) options.solvers = stored_solvers(folder);
+  // A run that was killed before its journal was made has a plan and nothing else.
+  RunRecord before;
+  if (fs::exists(folder.journal()))
+    before = read_run(folder);
+  else
+    before.plan = load_plan(folder.plan());
+  const Plan& plan = before.plan;
+  const RigFile rig_file = parse_rig_file(plan.rig.text, plan.rig.file, folder.root());
+  const bool sweep = has_calibration_sweep(plan);
+  std::optional<Calibration> loaded;
+  if (!sweep) loaded = load_calibration(folder.calibration());
+
+  RunFindings findings;
+  {
+    ProgressLine line("checking images");
+    verify_images(folder, before, findings,
+                  [&](std::size_t done, std::size_t total) { line.update(done, total, "poses"); });
+  }
+  for (const std::string& what : findings.damage) spdlog::warn("{}", what);
+  std::erase_if(before.poses, [&](const TakenPose& pose) {
+    return std::ranges::binary_search(findings.lost_poses, pose.planned.index);
+  });
+  fmt::print(
+      "{}: {} of {} poses are there{}.\n", plan.title, before.poses.size(), plan.poses.size(),
+      findings.lost_poses.empty() ? ""
+                                  : fmt::format("; {} whose images are lost will be taken again",
+                                                findings.lost_poses.size()));
+  if (before.complete()) {
+    fmt::print("Nothing is left to take.\n");
+    return finish(folder, loaded, options, true);
+  }
+  Taking taking{a, fmt::format("resume {}", a.run.string()), rig_file, plan, a.run};
+  taking.accepts_changes = a.accept_changes;
+  taking.accepted = changed_files(plan);
+  if (!before.start_document.empty()) {
+    const auto start = nlohmann::json::parse(before.start_document);
+    if (start.value("plan_sha256", "") != sha256_hex(plan_text(plan)))
+      throw ConfigError(folder.plan().string(), "",
+                        "is not the plan that the run was started with. Restore it from a copy.");
+    taking.options.archive = archive_mode_from_name(start.value("archive", "regions"));
+  }
+  if (!a.accept_changes) refuse_changes(a.run, taking.accepted);
+  taking.options.before = &before;
+  taking.options.overlap = a.overlap;
+  Plan rest = plan;  // what is still to be checked for room and limits
+  const Schedule schedule = schedule_of(plan, taking.options);
+  rest.poses.clear();
+  for (const auto* list : {&schedule.overlap, &schedule.missing})
+    for (const std::size_t index : *list) rest.poses.push_back(plan.poses[index]);
+  fmt::print("{}", plan_summary(
+                       rest, check_plan(rest, rig_file, {taking.options.archive, folder.root()})));
+  return take_and_finish(taking, loaded, options, {});
+}
+
+int tell_command(const fs::path& run, const std::string& word) {
+  (void)RunFolder::open(run);
+  const auto who = tell_run(run, word);
+  if (!who)
+    throw ConfigError(run.string(), "",
+                      "nobody takes this run now. \"turntable resume\" goes on with one that ended "
+                      "early.");
+  if (word == "pause") {
+    fmt::print("{} pauses after its pose; \"turntable resume {}\" lets it go on.\n", *who,
+               run.string());
+    return kDone;
+  }
+  // It lets go of the run when its axes stand.
+  constexpr int kPolls = 300;  // of 0.1 s: a long archive may be behind it
+  for (int i = 0; i < kPolls; ++i) {
+    if (!tell_run(run, "who")) {
+      fmt::print("{} was told to stop and has ended.\n", *who);
+      return kDone;
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  }
+  throw NotStopped(fmt::format("{} was told to stop and has not ended.", *who));
+}
+
+int verify_command(const fs::path& run) {
+  const RunFolder folder = RunFolder::open(run);
+  RunFindings findings;
+  {
+    ProgressLine line("verifying");
+    findings = verify_run(
+        folder, [&](std::size_t done, std::size_t total) { line.update(done, total, "poses"); });
+  }
+  fmt::print("journal: {} lines, images: {}\n", findings.lines, findings.images);
+  for (const std::string& remark : findings.remarks) fmt::print("remark: {}\n", remark);
+  for (const std::string& what : findings.damage) spdlog::error("{}", what);
+  if (!findings.sound()) return kFailedPoses;
+  fmt::print("The record is as it was written.\n");
+  return kDone;
 }
 
 int evaluate_command(const EvaluateArguments& a) {

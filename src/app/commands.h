@@ -28,15 +28,35 @@ struct PlanArguments {
 };
 int plan_command(const PlanArguments& a);
 
-struct RunArguments {
-  std::filesystem::path scenario, rig, out, calibration, wire_log;
+/// What every verb that takes poses takes.
+struct TakeArguments {
+  std::filesystem::path wire_log;
+  bool configure = false, assume_mounted = false;
+  double speed = 1.0;
+};
+
+struct RunArguments : TakeArguments {
+  std::filesystem::path scenario, rig, out, calibration;
   std::vector<std::string> solvers;
   std::vector<std::filesystem::path> beside;  ///< earlier runs whose cameras the report sets beside
   std::string images = "regions";
-  bool dry_run = false, configure = false, assume_mounted = false;
-  double speed = 1.0;
+  bool dry_run = false;
 };
 int run_command(const RunArguments& a);
+
+struct ResumeArguments : TakeArguments {
+  std::filesystem::path run;
+  std::vector<std::string> solvers;
+  std::size_t overlap = 2;
+  bool accept_changes = false;
+};
+/// Ends a pause if the run is still being taken; goes on with it otherwise.
+int resume_command(const ResumeArguments& a);
+
+/// Tells whoever takes the run. @param word "pause", "stop"
+int tell_command(const std::filesystem::path& run, const std::string& word);
+
+int verify_command(const std::filesystem::path& run);
 
 struct CalibrateArguments {
   /// Run folder, calibration scenario, calibration set, calibration file, or OpenCV camera.

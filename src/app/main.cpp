@@ -149,6 +149,15 @@ int main(int argc, char** argv) {
       "  turntable calibrate scenarios/calibrations/paper_table1.json");
   calibrate_verb->callback([&] { code = guarded([&] { return calibrate_command(calibrate); }); });
 
+  const auto takes_poses = [](CLI::App& verb, TakeArguments& a) {
+    verb.add_option("--wire-log", a.wire_log, "append every byte on every line to this file");
+    verb.add_option("--speed", a.speed, "of the clock, for devices served by \"simulate --speed\"")
+        ->check(CLI::Range(0.01, 100.0));
+    verb.add_flag("--configure", a.configure,
+                  "write the rig file's set-up into the controllers first");
+    verb.add_flag("--assume-mounted", a.assume_mounted,
+                  "do not ask when the payload has to be changed");
+  };
   RunArguments run;
   auto* run_verb = app.add_subcommand(
       "run", "Run a scenario or campaign: move, trigger, calibrate, evaluate, report");
@@ -161,15 +170,8 @@ int main(int argc, char** argv) {
                        "earlier run, such as one with another lens: the report sets its table of "
                        "cameras and solvers beside this one's");
   run_verb->add_option("--images", run.images, image_modes)->capture_default_str();
-  run_verb->add_option("--wire-log", run.wire_log, "append every byte on every line to this file");
-  run_verb
-      ->add_option("--speed", run.speed, "of the clock, for devices served by \"simulate --speed\"")
-      ->check(CLI::Range(0.01, 100.0));
+  takes_poses(*run_verb, run);
   run_verb->add_flag("--dry-run", run.dry_run, "check everything, move nothing, write nothing");
-  run_verb->add_flag("--configure", run.configure,
-                     "write the rig file's set-up into the controllers first");
-  run_verb->add_flag("--assume-mounted", run.assume_mounted,
-                     "do not ask when the payload has to be changed");
   run_verb->footer(
       std::string(
           "Examples:\n"
@@ -178,6 +180,39 @@ int main(int argc, char** argv) {
           "aopit,aopit_ray\n\n") +
       "Ctrl-C finishes the pose and ends; a second one stops the axes at once.\n" + kExitCodes);
   run_verb->callback([&] { code = guarded([&] { return run_command(run); }); });
+
+  ResumeArguments resume;
+  auto* resume_verb = app.add_subcommand(
+      "resume", "Go on with a run that was paused, interrupted, or killed by whatever");
+  resume_verb->add_option("run", resume.run, "run folder")->required();
+  resume_verb
+      ->add_option("--overlap", resume.overlap,
+                   "poses before the break that are taken again, beside those that count, to see "
+                   "what the break has changed")
+      ->capture_default_str()
+      ->check(CLI::Range(0, 1000));
+  resume_verb->add_option("--solver", resume.solvers, solvers_help)->delimiter(',');
+  resume_verb->add_flag("--accept-changes", resume.accept_changes,
+                        "go on although files or devices differ from those at the start; the "
+                        "journal says so");
+  takes_poses(*resume_verb, resume);
+  resume_verb->footer(
+      std::string("Example:\n  turntable resume results/runs/20260131T120000Z-quick\n\n"
+                  "Poses are told by their ids: none is taken twice, none is left out, except that "
+                  "poses whose images are missing or\naltered are taken again. Plan, files and "
+                  "devices have to be those of the start.\n") +
+      kExitCodes);
+  resume_verb->callback([&] { code = guarded([&] { return resume_command(resume); }); });
+
+  std::filesystem::path run_to_verify;
+  auto* verify_verb = app.add_subcommand(
+      "verify", "Check plan, journal and images of a run against their hashes; change nothing");
+  verify_verb->add_option("run", run_to_verify, "run folder")->required();
+  verify_verb->footer(
+      "Example:\n  turntable verify results/runs/20260131T120000Z-quick\nExit code 4 if anything "
+      "is "
+      "damaged.");
+  verify_verb->callback([&] { code = guarded([&] { return verify_command(run_to_verify); }); });
 
   EvaluateArguments evaluate;
   auto* evaluate_verb = app.add_subcommand(
@@ -302,13 +337,31 @@ int main(int argc, char** argv) {
   move_verb->callback([&] { code = guarded([&] { return move_command(move); }); });
 
   HandArguments stop;
+  std::filesystem::path run_to_stop;
   auto* stop_verb =
       app.add_subcommand("stop", "Stop all axes, and whoever moves them, also in another process");
+  auto* stopped_run = stop_verb->add_option("run", run_to_stop, "run folder that is being taken");
   by_hand(*stop_verb, stop);
+  stop_verb->get_option("--rig")->required(false)->excludes(stopped_run);
   stop_verb->footer(
-      "Example:\n  turntable stop --rig scenarios/rigs/lab_example.json\n"
+      "Examples:\n  turntable stop --rig scenarios/rigs/lab_example.json\n"
+      "  turntable stop results/runs/20260131T120000Z-quick\n"
       "Exit code 3 if anything is not known to stand.");
-  stop_verb->callback([&] { code = guarded([&] { return stop_command(stop); }); });
+  stop_verb->callback([&] {
+    code = guarded([&] {
+      if (run_to_stop.empty() && stop.rig.empty())
+        throw ConfigError("stop", "", "needs a run folder or --rig FILE.");
+      return run_to_stop.empty() ? stop_command(stop) : tell_command(run_to_stop, "stop");
+    });
+  });
+
+  std::filesystem::path run_to_pause;
+  auto* pause_verb = app.add_subcommand(
+      "pause", "Let a run that is being taken wait after its pose, until \"resume\"");
+  pause_verb->add_option("run", run_to_pause, "run folder")->required();
+  pause_verb->footer("Example:\n  turntable pause results/runs/20260131T120000Z-quick");
+  pause_verb->callback(
+      [&] { code = guarded([&] { return tell_command(run_to_pause, "pause"); }); });
 
   SimulateArguments simulate;
   auto* simulate_verb = app.add_subcommand(

@@ -72,6 +72,12 @@ std::set<std::string> line_ids(const RigFile& rig) {
   return ids;
 }
 
+/// The folder of a run, whichever way it is named, made already or not.
+std::string run_id(const std::filesystem::path& run) {
+  std::error_code error;
+  return "run " + std::filesystem::weakly_canonical(std::filesystem::absolute(run), error).string();
+}
+
 struct Address {
   sockaddr_un address{};
   socklen_t size = 0;
@@ -175,6 +181,7 @@ class RigLock::Server {
         Descriptor caller(::accept4(p.fd, nullptr, nullptr, SOCK_CLOEXEC));
         const std::string word = heard(caller.get(), milliseconds{200});
         if (word == "stop") set_interrupt_level(std::max(interrupt_level(), 2));
+        if (word == "pause" || word == "resume") request_pause(word == "pause");
         const std::string text = who_ + "\n";
         ::send(caller.get(), text.data(), text.size(), MSG_NOSIGNAL);
         callers_.push_back(std::move(caller));  // closed when the line is let go
@@ -189,8 +196,11 @@ class RigLock::Server {
   std::thread thread_;
 };
 
-RigLock::RigLock(const RigFile& rig, const std::string& doing)
-    : server_(std::make_unique<Server>(line_ids(rig), doing)) {}
+RigLock::RigLock(const RigFile& rig, const std::string& doing, const std::filesystem::path& run) {
+  std::set<std::string> ids = line_ids(rig);
+  if (!run.empty()) ids.insert(run_id(run));
+  server_ = std::make_unique<Server>(ids, doing);
+}
 RigLock::RigLock(const std::string& line, const std::string& doing)
     : server_(std::make_unique<Server>(std::set{line_id(line)}, doing)) {}
 RigLock::~RigLock() = default;
@@ -201,6 +211,12 @@ std::optional<LineHolder> line_holder(const std::string& line) {
   const auto fd = call(id, "who\n");
   if (!fd) return std::nullopt;
   return LineHolder{id, answer_of(fd->get())};
+}
+
+std::optional<std::string> tell_run(const std::filesystem::path& run, const std::string& word) {
+  const auto fd = call(run_id(run), word + "\n");
+  if (!fd) return std::nullopt;
+  return answer_of(fd->get());
 }
 
 std::vector<LineHolder> line_holders(const RigFile& rig) {

@@ -21,8 +21,10 @@ class RigLock {
   /// ordered by another process acts like SIGTERM: the axes are stopped at once.
   /// Waits for two seconds for somebody who only asks, then gives up.
   /// @param doing for the others: "run scenarios/quick.json".
+  /// @param run the folder of the run that is taken, if any: it is claimed too, simulated rig or not,
+  /// so that `tell_run` finds this process and no two take the same run.
   /// @throws DeviceError naming who has a line. Nothing has been opened then.
-  RigLock(const RigFile& rig, const std::string& doing);
+  RigLock(const RigFile& rig, const std::string& doing, const std::filesystem::path& run = {});
   /// The same for one serial port or "host:port".
   RigLock(const std::string& line, const std::string& doing);
   ~RigLock();
@@ -43,6 +45,10 @@ struct LineHolder {
 std::vector<LineHolder> line_holders(const RigFile& rig);
 /// The same for one serial port or "host:port"; nothing if it is free.
 std::optional<LineHolder> line_holder(const std::string& line);
+
+/// Tells whoever takes poses in `run`: "pause", "resume" or "stop". @return who it was; nothing if
+/// nobody does.
+std::optional<std::string> tell_run(const std::filesystem::path& run, const std::string& word);
 
 /// An order to stop, to whoever has a line.
 class StopOrder {

@@ -60,7 +60,11 @@ Prepared prepare(ArchiveWorker::Job& job, const RunFolder& folder, const RigFile
       const std::string png =
           mask ? encode_png(keep_regions(frame.image, regions, options.region_margin_px))
                : encode_png(frame.image);
-      image.file = fmt::format("images/{:06}-{}-{}.png", planned.index, planned.id, i + 1);
+      // A later session never writes over what an earlier one took.
+      const std::string session =
+          options.session() == 1 ? "" : fmt::format("-s{}", options.session());
+      image.file =
+          fmt::format("images/{:06}-{}-{}{}.png", planned.index, planned.id, i + 1, session);
       image.sha256 = sha256_hex(png);
       out.files.emplace_back(folder.root() / image.file, png);
     }
@@ -92,6 +96,14 @@ void ArchiveWorker::push(Job job) {
   changed_.notify_all();
 }
 
+void ArchiveWorker::note(std::string_view what, const std::string& reason) {
+  std::unique_lock lock(mutex_);
+  // The journal is the worker's while it works; idle, it is this thread's.
+  changed_.wait(lock, [this] { return failure_ || (queue_.empty() && !working_); });
+  if (failure_) std::rethrow_exception(failure_);
+  journal_.interruption(what, reason);
+}
+
 void ArchiveWorker::finish() {
   end();
   if (failure_) std::rethrow_exception(failure_);
@@ -118,6 +130,7 @@ void ArchiveWorker::run() {
     if (queue_.empty()) return;
     std::vector<Job> jobs(std::move_iterator(queue_.begin()), std::move_iterator(queue_.end()));
     queue_.clear();
+    working_ = true;
     changed_.notify_all();
     lock.unlock();
     std::exception_ptr failure;
@@ -129,6 +142,8 @@ void ArchiveWorker::run() {
     }
     lock.lock();
     tally_.busy_s += wall_s() - begin;
+    working_ = false;
+    changed_.notify_all();
     if (failure) {
       failure_ = failure;
       queue_.clear();
@@ -163,13 +178,14 @@ void ArchiveWorker::process(std::vector<Job>& jobs) {
     }
   if (any_file) sync_folder(folder_.images());
   for (std::size_t i = 0; i < ready.size(); ++i)
-    journal_.pose(jobs[i].taken, plan_.scenario_of(jobs[i].taken.planned).name);
+    journal_.pose(jobs[i].taken, plan_.scenario_of(jobs[i].taken.planned).name, jobs[i].overlap);
   if (!ready.empty()) journal_.sync();
   {
     const std::lock_guard lock(mutex_);
-    for (const Prepared& prepared : ready) {
+    for (std::size_t i = 0; i < ready.size(); ++i) {
+      if (jobs[i].overlap) continue;
       ++tally_.poses;
-      if (prepared.failed) ++tally_.failed;
+      if (ready[i].failed) ++tally_.failed;
     }
   }
   if (failure) std::rethrow_exception(failure);

@@ -22,6 +22,7 @@ class ArchiveWorker {
   struct Job {
     TakenPose taken;
     std::vector<Frame> frames;
+    bool overlap = false;  ///< taken beside the one that counts
   };
   /// What was done so far; complete after `finish`.
   struct Tally {
@@ -41,6 +42,8 @@ class ArchiveWorker {
   /// kept.
   /// @throws what a job threw.
   void push(Job job);
+  /// Journals an interruption behind everything pushed so far. @throws what a job threw.
+  void note(std::string_view what, const std::string& reason);
   /// Does what is still queued and ends the thread. @throws what a job threw; jobs behind a failed
   /// one are dropped.
   void finish();
@@ -62,6 +65,7 @@ class ArchiveWorker {
   std::condition_variable changed_;
   std::deque<Job> queue_;
   bool ending_ = false;
+  bool working_ = false;
   std::exception_ptr failure_;
   Tally tally_;
   std::thread thread_;

@@ -10,6 +10,7 @@
 
 #include "src/core/errors.h"
 #include "src/core/motion_time.h"
+#include "src/core/random.h"
 #include "src/geometry/gimbal.h"
 #include "src/record/csv.h"
 
@@ -36,30 +37,98 @@ std::vector<std::size_t> digits_of(std::size_t counter, const std::vector<AxisRa
   return digits;
 }
 
+/// By axis: seconds from each of a range's values to each other one, the last place standing for
+/// zero.
+class MoveTimes {
+ public:
+  MoveTimes(const std::vector<AxisRange>& ranges, const RigFile& rig) {
+    for (const AxisRange& range : ranges) {
+      std::vector<double> values = range.values_deg;
+      values.push_back(0.0);
+      const AxisConfig& axis = rig.axis(range.axis);
+      auto& table = seconds_.emplace_back(values.size(), std::vector<double>(values.size()));
+      for (std::size_t i = 0; i < values.size(); ++i)
+        for (std::size_t j = 0; j < values.size(); ++j)
+          table[i][j] = move_seconds(axis, values[i], values[j]);
+    }
+  }
+  /// All axes move at once.
+  double between(const std::vector<std::size_t>& from, const std::vector<std::size_t>& to) const {
+    double longest = 0.0;
+    for (std::size_t k = 0; k < to.size(); ++k)
+      longest = std::max(longest, seconds_[k][from[k]][to[k]]);
+    return longest;
+  }
+  std::vector<std::size_t> zero() const {
+    std::vector<std::size_t> digits;
+    for (const auto& table : seconds_) digits.push_back(table.size() - 1);
+    return digits;
+  }
+
+ private:
+  std::vector<std::vector<std::vector<double>>> seconds_;
+};
+
+/// Digits of every visit of one repeat, in order.
+std::vector<std::vector<std::size_t>> visits_of(const Scenario& scenario, int repeat,
+                                                const RigFile& rig) {
+  std::size_t count = 1;
+  for (const AxisRange& range : scenario.ranges) count *= range.values_deg.size();
+  std::vector<std::vector<std::size_t>> visits;
+  visits.reserve(count);
+  for (std::size_t i = 0; i < count; ++i)
+    visits.push_back(digits_of(i, scenario.ranges, scenario.order));
+  if (scenario.order == PoseOrder::kRandom) {
+    Random random(scenario.order_seed, "order of " + scenario.name,
+                  static_cast<std::uint64_t>(repeat));
+    for (std::size_t left = count; left > 1; --left)  // Fisher & Yates
+      std::swap(visits[left - 1],
+                visits[static_cast<std::size_t>(random.uniform() * static_cast<double>(left))]);
+  }
+  if (scenario.order == PoseOrder::kNearest) {
+    const MoveTimes times(scenario.ranges, rig);
+    std::vector<std::size_t> at = times.zero();
+    for (std::size_t next = 0; next < count; ++next) {
+      // Of several equally near the first as written, so that the order is one.
+      const auto nearest = std::min_element(
+          visits.begin() + static_cast<std::ptrdiff_t>(next), visits.end(),
+          [&](const auto& a, const auto& b) { return times.between(at, a) < times.between(at, b); });
+      std::rotate(visits.begin() + static_cast<std::ptrdiff_t>(next), nearest, nearest + 1);
+      at = visits[next];
+    }
+  }
+  return visits;
+}
+
 double& angle_of(PlannedPose& pose, AxisId axis) {
   return axis == AxisId::kYaw    ? pose.yaw_deg
          : axis == AxisId::kRoll ? pose.roll_deg
                                  : pose.pitch_deg;
 }
 
-void add_attitude(Plan& plan, const Scenario& scenario) {
+void add_attitude(Plan& plan, const Scenario& scenario, const RigFile& rig) {
   PlannedPose pose;
   pose.scenario = plan.scenarios.size();
   pose.payload = scenario.payload;
   pose.stage_mm = scenario.stage_mm;
   pose.dwell_s = scenario.dwell_s;
   pose.images = scenario.images_per_pose;
-  const std::size_t points = scenario.pose_count() - 1;
   for (pose.repeat = 1; pose.repeat <= scenario.repeats; ++pose.repeat) {
     PlannedPose reference = pose;
     reference.role = PoseRole::kReference;
     plan.poses.push_back(reference);
-    for (std::size_t i = 0; i < points; ++i) {
-      const auto digits = digits_of(i, scenario.ranges, scenario.order);
+    const auto visits = visits_of(scenario, pose.repeat, rig);
+    for (std::size_t i = 0; i < visits.size(); ++i) {
       for (std::size_t k = 0; k < scenario.ranges.size(); ++k)
-        angle_of(pose, scenario.ranges[k].axis) = scenario.ranges[k].values_deg[digits[k]];
-      pose.point = static_cast<int>(i) + 1;
+        angle_of(pose, scenario.ranges[k].axis) = scenario.ranges[k].values_deg[visits[i][k]];
+      ++pose.point;
       plan.poses.push_back(pose);
+      const auto every = static_cast<std::size_t>(scenario.return_every);
+      if (every == 0 || (i + 1) % every != 0 || i + 1 == visits.size()) continue;
+      PlannedPose back = reference;
+      back.role = PoseRole::kReturn;
+      back.point = ++pose.point;
+      plan.poses.push_back(back);
     }
     pose.yaw_deg = pose.roll_deg = pose.pitch_deg = 0.0;
     pose.point = 0;
@@ -108,7 +177,7 @@ std::string named(const Plan& plan, const PlannedPose& pose) {
 /// Pointer of the whole pose, where no single axis is to blame.
 std::string pointer_of(const Plan& plan, const PlannedPose& pose) {
   if (plan.scenario_of(pose).kind == ScenarioKind::kAttitude)
-    return pose.role == PoseRole::kReference ? "/stage_mm" : "/ranges";
+    return pose.role == PoseRole::kMeasure ? "/ranges" : "/stage_mm";
   return fmt::format("{}/{}", pose.role == PoseRole::kPinholeView ? "/pinhole_views" : "/planes",
                      pose.point);
 }
@@ -309,7 +378,7 @@ Plan plan_campaign(const Campaign& campaign, const RigFile& rig) {
     if (s.kind == ScenarioKind::kCalibration)
       add_calibration(plan, s);
     else
-      add_attitude(plan, s);
+      add_attitude(plan, s, rig);
     ScenarioInfo info{s.name, s.title, s.file, s.kind, s.table, s.polynomial_order, s.repeats, {}};
     for (const AxisRange& range : s.ranges) info.axes.push_back(range.axis);
     plan.scenarios.push_back(std::move(info));
@@ -328,6 +397,26 @@ std::string pointer_of(const Plan& plan, const PlannedPose& pose, AxisId axis) {
                                         : fmt::format("/ranges/{}", range - scenario.axes.begin());
   }
   return fmt::format("{}/{}_{}", pointer_of(plan, pose), axis_name(axis), axis_unit(axis));
+}
+
+std::vector<OrderTime> order_times(const Campaign& campaign, const RigFile& rig) {
+  std::vector<OrderTime> times;
+  for (std::size_t i = 0; i < campaign.scenarios.size(); ++i) {
+    if (campaign.scenarios[i].kind != ScenarioKind::kAttitude) continue;
+    Campaign alone;
+    alone.scenarios = {campaign.scenarios[i]};
+    Scenario& s = alone.scenarios.front();
+    const PoseOrder chosen = s.order;
+    for (const PoseOrder order : kPoseOrders) {
+      if (order == PoseOrder::kNearest && s.pose_count() > kMaxNearestPoses) continue;
+      s.order = order;
+      OrderTime time{i, order, order == chosen, 0.0};
+      for (const PhaseTimes& t : pose_times(plan_campaign(alone, rig), rig))
+        time.motion_s += t.motion_s;
+      times.push_back(time);
+    }
+  }
+  return times;
 }
 
 std::vector<PhaseTimes> pose_times(const Plan& plan, const RigFile& rig) {

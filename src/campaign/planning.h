@@ -52,6 +52,16 @@ struct PlanReport {
 /// Changing the payload leads through zero.
 std::vector<PhaseTimes> pose_times(const Plan& plan, const RigFile& rig);
 
+struct OrderTime {
+  std::size_t scenario = 0;  ///< in the campaign
+  PoseOrder order = PoseOrder::kAsWritten;
+  bool chosen = false;
+  double motion_s = 0.0;  ///< of all repeats
+};
+/// What each order of poses would take in motion, attitude scenarios only; "nearest" only where it
+/// is allowed.
+std::vector<OrderTime> order_times(const Campaign& campaign, const RigFile& rig);
+
 /// Refuses, never clamps. @throws ConfigError listing the first ten violations and their number: a
 /// target or its overshoot outside a soft limit, a point outside the image, not enough disk. File
 /// and pointer are the first one's.

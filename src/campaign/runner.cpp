@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <numeric>
 #include <optional>
+#include <thread>
 
 #include "src/campaign/archive_worker.h"
 #include "src/campaign/planning.h"
@@ -38,22 +39,32 @@ class Acquisition {
  public:
   Acquisition(Rig& rig, const RigFile& rig_file, const Plan& plan, const AcquireOptions& options,
               const std::function<void(const Progress&)>& progress)
-      : rig_(rig), rig_file_(rig_file), plan_(plan), options_(options), progress_(progress) {
+      : rig_(rig),
+        rig_file_(rig_file),
+        plan_(plan),
+        options_(options),
+        progress_(progress),
+        schedule_(schedule_of(plan, options)),
+        done_(options.before == nullptr ? 0 : options.before->poses.size()) {
     for (const PhaseTimes& time : pose_times(plan, rig_file)) weights_.push_back(time.total_s());
-    weight_left_ = std::accumulate(weights_.begin(), weights_.end(), 0.0);
+    for (const auto* list : {&schedule_.overlap, &schedule_.missing})
+      for (const std::size_t index : *list) weight_left_ += weights_[index];
   }
 
   AcquireSummary run(const RunFolder& folder, const Json& provenance) {
     check_devices();
     began_wall_ = wall_s();
     const Time began = rig_.clock->now();
-    RunJournal journal(folder, start_document(provenance));
+    RunJournal journal = options_.before == nullptr
+                             ? RunJournal(folder, start_document(provenance))
+                             : RunJournal(folder, start_document(provenance), *options_.before);
     ArchiveWorker worker(journal, folder, plan_, rig_file_, options_);
     std::exception_ptr cause;
     try {
       journal.baseline(positions());  // before the first job: the journal is not shared yet
       home();
-      for (const PlannedPose& pose : plan_.poses) take(pose, worker);
+      for (const std::size_t index : schedule_.overlap) take(plan_.poses[index], worker, true);
+      for (const std::size_t index : schedule_.missing) take(plan_.poses[index], worker, false);
       report("finishing");
       worker.finish();
       journal.baseline(positions());
@@ -75,15 +86,18 @@ class Acquisition {
   void check_devices() const {
     check_size(rig_.camera->image_size());
     std::vector<Exposure> exposures;
-    for (const PlannedPose& pose : plan_.poses)
-      for (int i = 0; i < pose.images; ++i) exposures.push_back(exposure(pose, i));
+    for (const auto* list : {&schedule_.overlap, &schedule_.missing})
+      for (const std::size_t index : *list)
+        for (int i = 0; i < plan_.poses[index].images; ++i)
+          exposures.push_back(exposure(plan_.poses[index], i));
     rig_.camera->check(exposures);
     const auto check = [this](AxisId id, double target) {
       with_axis(rig_, id, [target](auto& axis) { axis.check(quantity(axis, target)); });
     };
     for (const AxisId id : kAllAxes) check(id, 0.0);
-    for (const PlannedPose& pose : plan_.poses)
-      for (const AxisId id : kAllAxes) check(id, pose.target(id));
+    for (const auto* list : {&schedule_.overlap, &schedule_.missing})
+      for (const std::size_t index : *list)
+        for (const AxisId id : kAllAxes) check(id, plan_.poses[index].target(id));
   }
 
  private:
@@ -150,7 +164,8 @@ class Acquisition {
     first_pose_wall_ = wall_s();
   }
 
-  void take(const PlannedPose& pose, ArchiveWorker& worker) {
+  void take(const PlannedPose& pose, ArchiveWorker& worker, bool overlap) {
+    hold_while_paused(worker);
     throw_if_interrupted();
     throw_if_stopping_now();
     mount(pose.payload);
@@ -159,6 +174,7 @@ class Acquisition {
     for (std::size_t i = 0; i < kAllAxes.size(); ++i) targets[i] = pose.target(kAllAxes[i]);
     ArchiveWorker::Job job;
     job.taken.planned = pose;
+    job.overlap = overlap;
     move(targets);
     for (std::size_t i = 0; i < kAllAxes.size(); ++i)
       job.taken.axis(kAllAxes[i]) = held_[i]->readback;
@@ -174,9 +190,22 @@ class Acquisition {
     const double waiting = wall_s();
     worker.push(std::move(job));
     summary_.waited_s += wall_s() - waiting;
-    ++done_;
+    if (!overlap) ++done_;
     weight_left_ = std::max(0.0, weight_left_ - weights_[pose.index]);
     weight_done_ += weights_[pose.index];
+  }
+
+  /// The axes stand; devices and references stay as they are.
+  void hold_while_paused(ArchiveWorker& worker) {
+    if (!pause_requested() || interrupt_level() > 0) return;
+    worker.note("pause", "asked for by another program");
+    const double began = wall_s();
+    while (pause_requested() && interrupt_level() == 0) {
+      report("paused");
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    }
+    first_pose_wall_ += wall_s() - began;  // no pose took that long
+    worker.note("resume", pause_requested() ? "interrupted" : "asked for by another program");
   }
 
   void mount(Payload payload) {
@@ -322,6 +351,7 @@ class Acquisition {
   const AcquireOptions& options_;
   const std::function<void(const Progress&)>& progress_;
 
+  Schedule schedule_;
   AcquireSummary summary_;
   std::optional<Payload> mounted_;
   std::array<std::optional<Held>, kAllAxes.size()> held_;
@@ -339,8 +369,24 @@ AcquireSummary acquire(Rig& rig, const RigFile& rig_file, const Plan& plan, cons
   return Acquisition(rig, rig_file, plan, options, progress).run(folder, provenance);
 }
 
-void check_devices(Rig& rig, const RigFile& rig_file, const Plan& plan) {
-  const AcquireOptions options;
+Schedule schedule_of(const Plan& plan, const AcquireOptions& options) {
+  Schedule schedule;
+  std::vector<bool> taken(plan.poses.size());
+  if (options.before != nullptr)
+    for (const TakenPose& pose : options.before->poses) taken[pose.planned.index] = true;
+  for (const PlannedPose& pose : plan.poses)
+    if (!taken[pose.index]) schedule.missing.push_back(pose.index);
+  if (options.before == nullptr || schedule.missing.empty()) return schedule;
+  const PlannedPose& first = plan.poses[schedule.missing.front()];
+  for (std::size_t i = first.index; i-- > 0 && schedule.overlap.size() < options.overlap;) {
+    if (plan.poses[i].payload != first.payload) break;
+    schedule.overlap.insert(schedule.overlap.begin(), i);  // all before the first missing are taken
+  }
+  return schedule;
+}
+
+void check_devices(Rig& rig, const RigFile& rig_file, const Plan& plan,
+                   const AcquireOptions& options) {
   const std::function<void(const Progress&)> progress;
   Acquisition(rig, rig_file, plan, options, progress).check_devices();
 }

@@ -20,12 +20,22 @@ struct AcquireOptions {
   ArchiveMode archive = ArchiveMode::kRegions;
   int region_margin_px = kRegionMarginPx;
   std::size_t queued_poses = 8;  ///< poses waiting for the worker before the rig waits for it
+  /// What earlier sessions took, if the run goes on: these poses are not taken again. nullptr = new.
+  const RunRecord* before = nullptr;
+  /// A run that goes on takes so many of the poses before the first missing one again, beside the
+  /// ones that count (stream "overlap"): the difference says what the break has changed.
+  std::size_t overlap = 2;
+
+  int session() const {
+    return before == nullptr ? 1 : static_cast<int>(before->sessions.size()) + 1;
+  }
 };
 
 struct Progress {
   std::size_t done = 0;  ///< poses taken
   std::size_t total = 0;
-  std::string_view phase;  ///< "homing", "mounting", "moving", "settling", "exposing", "finishing"
+  std::string_view phase;  ///< "homing", "mounting", "moving", "settling", "exposing", "paused",
+                           ///< "finishing"
   double elapsed_s = 0.0;  ///< wall time
   double eta_s = 0.0;  ///< wall time left: the plan's kinematics, scaled by what poses took so far
 };
@@ -43,8 +53,19 @@ struct AcquireSummary {
 
 /// Asks the devices themselves whether they can carry the whole plan out: limits, image size, images
 /// taken earlier. Nothing moves. @throws LimitError, DeviceError, ConfigError.
-void check_devices(Rig& rig, const RigFile& rig_file, const Plan& plan);
+/// @param before of a run that goes on: only what is still to be taken is asked for.
+void check_devices(Rig& rig, const RigFile& rig_file, const Plan& plan,
+                   const AcquireOptions& options = {});
 
+/// Places in the plan of what is taken, in this order: overlap poses first (see
+/// `AcquireOptions::overlap`), then the missing ones. Overlap poses stand before the first missing
+/// one in the plan and show the same payload.
+struct Schedule {
+  std::vector<std::size_t> overlap, missing;
+};
+Schedule schedule_of(const Plan& plan, const AcquireOptions& options);
+
+/// Between poses it waits as long as a pause is asked for (core/interrupt.h), and journals it.
 /// The plan must have passed `check_plan`; every target is checked again by the axes themselves,
 /// and every exposure by the camera, before the first move. `provenance` goes into the start document as it is. Whatever ends the
 /// run, all axes are stopped and the journal's stop document says why; poses already taken are

@@ -34,6 +34,10 @@ class Reader {
     else
       read_calibration(s);
     check_size("", static_cast<double>(s.pose_count()) * s.repeats);
+    if (s.order == PoseOrder::kNearest && s.pose_count() > kMaxNearestPoses)
+      fail("/order", fmt::format("found \"nearest\" for {} poses, allowed: up to {}. Choose "
+                                 "\"snake\", which is nearly as fast on a grid.",
+                                 s.pose_count(), kMaxNearestPoses));
     return s;
   }
 
@@ -46,7 +50,7 @@ class Reader {
   void check_keys(ScenarioKind kind) const {
     static const std::set<std::string> common{"format", "name", "title", "kind", "dwell_ms"};
     static const std::set<std::string> attitude{"payload", "table",   "stage_mm",       "ranges",
-                                                "order",   "repeats", "images_per_pose"};
+                                                "order",   "order_seed", "return_every", "repeats", "images_per_pose"};
     static const std::set<std::string> calibration{"planes", "images_per_plane", "polynomial_order",
                                                    "pinhole_views", "return_to_first_plane"};
     const bool is_attitude = kind == ScenarioKind::kAttitude;
@@ -79,8 +83,12 @@ class Reader {
   void read_attitude(Scenario& s) const {
     if (json_.contains("table")) s.table = json_.at("table").get<int>();
     s.stage_mm = json_.at("stage_mm");
-    s.order =
-        json_.value("order", "as_written") == "snake" ? PoseOrder::kSnake : PoseOrder::kAsWritten;
+    const std::string order = json_.value("order", "as_written");
+    s.order = *std::ranges::find(kPoseOrders, order, pose_order_name);
+    s.order_seed = json_.value("order_seed", s.order_seed);
+    if (json_.contains("order_seed") && s.order != PoseOrder::kRandom)
+      fail("/order_seed", fmt::format("goes with order \"random\"; this one's is \"{}\".", order));
+    s.return_every = json_.value("return_every", 0);
     s.repeats = json_.value("repeats", 1);
     s.images_per_pose = json_.value("images_per_pose", 1);
     const Json& ranges = json_.at("ranges");
@@ -192,7 +200,15 @@ std::size_t Scenario::pose_count() const {
     return planes.size() + pinhole_views.size() + (return_to_first_plane ? 1 : 0);
   std::size_t count = 1;
   for (const AxisRange& range : ranges) count *= range.values_deg.size();
-  return count + 1;
+  // No return behind the last one: the next repeat begins at zero anyway.
+  const std::size_t returns =
+      return_every > 0 ? (count - 1) / static_cast<std::size_t>(return_every) : 0;
+  return 1 + count + returns;
+}
+
+std::string_view pose_order_name(PoseOrder order) {
+  constexpr std::array<std::string_view, 4> kNames{"as_written", "snake", "nearest", "random"};
+  return kNames.at(static_cast<std::size_t>(order));
 }
 
 Scenario parse_scenario(const std::string& text, const std::string& name) {

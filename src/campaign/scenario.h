@@ -1,9 +1,11 @@
 // What is asked: scenario and campaign files (scenarios/README.md lists every field with its unit).
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "src/record/plan.h"
@@ -19,7 +21,12 @@ struct AxisRange {
 enum class PoseOrder {
   kAsWritten,  ///< every inner range starts again at its first value
   kSnake,      ///< inner ranges run back and forth: no long way back
+  kNearest,    ///< always on to the pose that is reached soonest, by the axes' own move times
+  kRandom,     ///< shuffled by `order_seed`: drift cannot look like an effect of an angle
 };
+std::string_view pose_order_name(PoseOrder order);  ///< "as_written", "snake", "nearest", "random"
+inline constexpr PoseOrder kPoseOrders[] = {PoseOrder::kAsWritten, PoseOrder::kSnake,
+                                            PoseOrder::kNearest, PoseOrder::kRandom};
 
 struct CalibrationPlane {
   double stage_mm = 0.0;
@@ -45,6 +52,8 @@ struct Scenario {
   double stage_mm = 0.0;
   std::vector<AxisRange> ranges;  ///< outermost first
   PoseOrder order = PoseOrder::kAsWritten;
+  std::uint64_t order_seed = 1;  ///< kRandom; repeats are shuffled differently
+  int return_every = 0;  ///< a pose at zero angles after so many poses, to see drift; 0 = never
   int repeats = 1;
   int images_per_pose = 1;
 
@@ -66,6 +75,8 @@ struct Campaign {
 
 /// Most poses a plan may have: more is a slip of the pen (a step of 0.001 on three axes).
 constexpr std::size_t kMaxPoses = 1'000'000;
+/// Most poses of one repeat in order "nearest", whose planning takes their square.
+constexpr std::size_t kMaxNearestPoses = 10'000;
 
 /// @throws ConfigError with file and JSON pointer: schema, step 0 or of the wrong sign, a range
 /// that its step does not divide, an axis given twice, fewer than two planes to fit, keys of the

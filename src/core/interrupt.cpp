@@ -13,6 +13,7 @@ std::atomic<int> g_level{0};
 std::atomic<int> g_presses{0};  ///< of Ctrl-C
 static_assert(std::atomic<int>::is_always_lock_free, "the signal handler touches it");
 std::atomic<bool> g_stop_at_first{false};
+std::atomic<bool> g_pause{false};
 thread_local int t_shields = 0;
 
 extern "C" void on_signal(int signal) {
@@ -30,6 +31,9 @@ void set_interrupt_level(int level) {
   g_level.store(level);
   if (level == 0) g_presses = 0;
 }
+
+bool pause_requested() { return g_pause; }
+void request_pause(bool pause) { g_pause = pause; }
 
 void stop_at_first_interrupt() {
   g_stop_at_first = true;

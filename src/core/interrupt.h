@@ -18,6 +18,10 @@ void throw_if_interrupted();
 /// @throws Interrupted at level 2 and above; called wherever the program waits, unless shielded.
 void throw_if_stopping_now();
 
+/// A pause that somebody asked for: between poses a run waits for its end. Any thread.
+bool pause_requested();
+void request_pause(bool pause);
+
 /// While alive on this thread, waits are not interrupted: the way out has to talk to the devices.
 class InterruptShield {
  public:

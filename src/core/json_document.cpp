@@ -237,14 +237,26 @@ Json parse_json(std::string_view text, const std::string& name, std::string_view
                                                                   : "no \"format\" key",
                     format.at("const").dump(), schema_name));
 
+  SchemaCheck{schema_name}(value, name);
+  return value;
+}
+
+struct SchemaCheck::Parsed {
+  Json json;
   valijson::Schema schema;
-  valijson::SchemaParser parser;
-  parser.populateSchema(NlohmannJsonAdapter(schema_json), schema);
+};
+
+SchemaCheck::SchemaCheck(std::string_view schema) : parsed_(std::make_unique<Parsed>()) {
+  parsed_->json = whole_schema(schema);
+  valijson::SchemaParser().populateSchema(NlohmannJsonAdapter(parsed_->json), parsed_->schema);
+}
+SchemaCheck::~SchemaCheck() = default;
+
+void SchemaCheck::operator()(const Json& value, const std::string& name) const {
   valijson::Validator validator;
   valijson::ValidationResults results;
-  if (!validator.validate(schema, NlohmannJsonAdapter(value), &results))
-    throw_schema_error(value, schema_json, name, results);
-  return value;
+  if (!validator.validate(parsed_->schema, NlohmannJsonAdapter(value), &results))
+    throw_schema_error(value, parsed_->json, name, results);
 }
 
 Json load_json(const std::filesystem::path& file, std::string_view schema) {

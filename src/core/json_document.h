@@ -22,6 +22,19 @@ Json load_json(const std::filesystem::path& file, std::string_view schema);
 /// The same for text already read; `name` stands for the file in messages.
 Json parse_json(std::string_view text, const std::string& name, std::string_view schema);
 
+/// A built-in schema, made ready once for many values.
+class SchemaCheck {
+ public:
+  explicit SchemaCheck(std::string_view schema);
+  ~SchemaCheck();
+  /// @throws ConfigError as above.
+  void operator()(const Json& value, const std::string& name) const;
+
+ private:
+  struct Parsed;
+  std::unique_ptr<Parsed> parsed_;
+};
+
 /// Which of the project's formats a file says it is, by its "format" key ("turntable-scenario/1" ->
 /// "scenario").
 /// @throws ConfigError if it is none.

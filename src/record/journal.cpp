@@ -68,6 +68,25 @@ Journal::Journal(std::filesystem::path file) : file_(std::move(file)) {
   sync_folder(file_.parent_path());
 }
 
+Journal::Journal(std::filesystem::path file, const JournalReadout& readout)
+    : file_(std::move(file)),
+      next_seq_(readout.next_seq),
+      size_(static_cast<std::int64_t>(readout.valid_bytes)) {
+  fd_ = ::open(file_.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC);
+  if (fd_ < 0) fail(file_, "opening the journal", errno);
+  const off_t found = ::lseek(fd_, 0, SEEK_END);
+  if (found < size_ || (!readout.torn && found > size_)) {
+    ::close(fd_);
+    throw RecordError(fmt::format("{}: has changed since it was read: somebody else writes to it.",
+                                  file_.string()));
+  }
+  if (found > size_ && ::ftruncate(fd_, size_) != 0) {
+    const int error = errno;
+    ::close(fd_);
+    fail(file_, "cutting off its torn last line", error);
+  }
+}
+
 Journal::~Journal() {
   if (fd_ >= 0) ::close(fd_);
 }

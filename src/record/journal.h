@@ -19,10 +19,20 @@ namespace turntable {
 
 using Json = nlohmann::json;
 
+/// What reading a journal came to.
+struct JournalReadout {
+  std::uint64_t next_seq = 1;
+  std::uintmax_t valid_bytes = 0;   ///< up to and with the last good line
+  std::optional<std::string> torn;  ///< what was wrong with the last line, if it was cut off
+};
+
 class Journal {
  public:
   /// Starts a journal; the file must not exist. @throws RecordError.
   explicit Journal(std::filesystem::path file);
+  /// Goes on with one that was read. A last line that was cut off goes: it was never acknowledged.
+  /// @throws RecordError, also if the file has grown since.
+  Journal(std::filesystem::path file, const JournalReadout& readout);
   ~Journal();
   Journal(const Journal&) = delete;
   Journal& operator=(const Journal&) = delete;
@@ -47,12 +57,6 @@ struct JournalEntry {
   std::uint64_t seq = 0;
   std::string utc;
   double mono_s = 0.0;
-};
-
-struct JournalReadout {
-  std::uint64_t next_seq = 1;
-  std::uintmax_t valid_bytes = 0;   ///< up to and with the last good line
-  std::optional<std::string> torn;  ///< what was wrong with the last line, if it was cut off
 };
 
 /// Visits every line in order, checking sequence and CRC. A last line that is damaged or has no

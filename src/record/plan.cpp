@@ -15,7 +15,7 @@ namespace turntable {
 namespace {
 
 constexpr std::array<std::string_view, 2> kKindNames{"calibration", "attitude"};
-constexpr std::array<std::string_view, 5> kRoleNames{"reference", "measure", "plane_fit",
+constexpr std::array<std::string_view, 6> kRoleNames{"reference", "measure", "return", "plane_fit",
                                                      "plane_check", "pinhole_view"};
 
 /// Index of a name that the schema has already checked.

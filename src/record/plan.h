@@ -20,11 +20,12 @@ std::string_view scenario_kind_name(ScenarioKind kind);  ///< "calibration", "at
 enum class PoseRole {
   kReference,    ///< zero angles at the start of a repeat; attitudes are relative to it
   kMeasure,      ///< an attitude to be judged
+  kReturn,       ///< zero angles again, in the middle of a repeat: what has drifted?
   kPlaneFit,     ///< calibration plane used by the fit
   kPlaneCheck,   ///< calibration plane kept out of the fit
   kPinholeView,  ///< tilted pattern for the pinhole baseline
 };
-/// "reference", "measure", "plane_fit", "plane_check", "pinhole_view"
+/// "reference", "measure", "return", "plane_fit", "plane_check", "pinhole_view"
 std::string_view role_name(PoseRole role);
 
 struct PlannedPose {

@@ -12,6 +12,7 @@
 #include "src/record/image_archive.h"
 #include "src/record/journal.h"
 #include "src/record/pose_document.h"
+#include "src/record/run_journal.h"
 
 namespace turntable {
 
@@ -82,11 +83,28 @@ RunRecord read_run(const RunFolder& folder) {
 
   const std::string name = folder.journal().string();
   std::vector<std::optional<TakenPose>> taken(record.plan.poses.size());
+  std::unordered_map<std::string, std::string> stream_of;  // by descriptor
   const auto readout = read_journal(folder.journal(), [&](const JournalEntry& entry) {
     try {
-      if (entry.name == "start" && record.start_document.empty()) {
-        record.start_document = entry.doc.dump();
-      } else if (entry.name == "event" && entry.doc.at("data").contains("pose_id")) {
+      if (entry.name == "start") {
+        RunSession& session = record.sessions.emplace_back();
+        session.uid = entry.doc.at("uid");
+        session.start_document = entry.doc.dump();
+        session.began_utc = entry.utc;
+        if (record.start_document.empty()) record.start_document = session.start_document;
+      }
+      if (record.sessions.empty())
+        throw ConfigError(name, "",
+                          fmt::format("line {} comes before any start document.", entry.seq));
+      RunSession& session = record.sessions.back();
+      if (entry.name != "stop")
+        session.last_utc = entry.utc;  // written later for one that was killed
+      if (entry.name == "descriptor") {
+        stream_of[entry.doc.at("uid")] = entry.doc.at("name");
+      } else if (entry.name == "event") {
+        const std::string& stream = stream_of[entry.doc.at("descriptor")];
+        ++session.events[stream];
+        if (!entry.doc.at("data").contains("pose_id")) return;
         const auto id = entry.doc.at("data").at("pose_id").get<std::string>();
         const auto found = index_of.find(id);
         if (found == index_of.end())
@@ -97,10 +115,13 @@ RunRecord read_run(const RunFolder& folder) {
                           entry.seq, id));
         TakenPose pose = pose_from_data(entry.doc.at("data"));
         pose.planned = record.plan.poses[found->second];
-        taken[found->second] = std::move(pose);
+        if (stream == kOverlapStream)
+          record.overlaps.push_back(std::move(pose));
+        else
+          taken[found->second] = std::move(pose);
       } else if (entry.name == "stop") {
-        record.exit_status = entry.doc.at("exit_status");
-        record.reason = entry.doc.value("reason", "");
+        session.exit_status = entry.doc.at("exit_status");
+        session.reason = entry.doc.value("reason", "");
       }
     } catch (const Json::exception& e) {
       throw ConfigError(
@@ -109,6 +130,11 @@ RunRecord read_run(const RunFolder& folder) {
     }
   });
   record.torn = readout.torn;
+  record.journal = readout;
+  if (!record.sessions.empty()) {
+    record.exit_status = record.sessions.back().exit_status;
+    record.reason = record.sessions.back().reason;
+  }
   for (auto& pose : taken)
     if (pose) record.poses.push_back(std::move(*pose));
   return record;

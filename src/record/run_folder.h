@@ -4,11 +4,13 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "src/core/image.h"
+#include "src/record/journal.h"
 #include "src/record/plan.h"
 
 namespace turntable {
@@ -76,6 +78,16 @@ struct TakenPose {
   bool missed() const { return stage.missed || yaw.missed || roll.missed || pitch.missed; }
 };
 
+/// What one process did of a run, from a start document on. A run that was resumed has several.
+struct RunSession {
+  std::string uid;                    ///< of the start document
+  std::string start_document;         ///< JSON text
+  std::string began_utc, last_utc;    ///< of its first line and the last one before the stop
+  std::map<std::string, int> events;  ///< number by stream
+  std::string exit_status;            ///< empty: it was killed and wrote no stop document
+  std::string reason;
+};
+
 /// Plan and journal joined.
 struct RunRecord {
   Plan plan;
@@ -87,6 +99,10 @@ struct RunRecord {
                             ///< there is none
   std::string reason;       ///< why it ended
   std::optional<std::string> torn;  ///< a last line that was cut off, if so
+  std::vector<RunSession> sessions;
+  /// Poses that a resumed session took again beside those that count, to see what has changed.
+  std::vector<TakenPose> overlaps;
+  JournalReadout journal;
 
   bool complete() const { return poses.size() == plan.poses.size(); }
 };

@@ -8,10 +8,31 @@ namespace turntable {
 
 RunJournal::RunJournal(const RunFolder& folder, const Json& start)
     : journal_(folder.journal()), run_(new_uid()) {
+  begin(start);
+}
+
+RunJournal::RunJournal(const RunFolder& folder, const Json& start, const RunRecord& before)
+    : journal_(folder.journal(), before.journal), run_(new_uid()) {
+  if (before.sessions.empty()) {
+    begin(start);
+    return;
+  }
+  if (const RunSession& last = before.sessions.back(); last.exit_status.empty())
+    journal_.append("stop", {{"uid", new_uid()},
+                             {"run_start", last.uid},
+                             {"time", unix_time_s()},
+                             {"exit_status", "fail"},
+                             {"reason", "ended without a word: killed, or the power went"},
+                             {"num_events", last.events}});
   Json doc = start;
-  doc["uid"] = run_;
-  doc["time"] = unix_time_s();
-  journal_.append("start", doc);
+  doc["resumes"] = before.sessions.front().uid;
+  begin(std::move(doc));
+}
+
+void RunJournal::begin(Json start) {
+  start["uid"] = run_;
+  start["time"] = unix_time_s();
+  journal_.append("start", start);
   sync();
 }
 
@@ -52,8 +73,18 @@ void RunJournal::baseline(const std::array<double, kAllAxes.size()>& positions) 
   sync();
 }
 
-void RunJournal::pose(const TakenPose& taken, std::string_view scenario_name) {
-  event("primary", pose_data(taken, scenario_name), pose_data_keys(taken));
+void RunJournal::pose(const TakenPose& taken, std::string_view scenario_name, bool overlap) {
+  event(overlap ? std::string(kOverlapStream) : "primary", pose_data(taken, scenario_name),
+        pose_data_keys(taken));
+}
+
+void RunJournal::interruption(std::string_view what, const std::string& reason) {
+  const auto text = [](const char* source) {
+    return Json{{"source", source}, {"dtype", "string"}, {"shape", Json::array()}};
+  };
+  event("interruptions", {{"interruption", what}, {"reason", reason}},
+        {{"interruption", text("operator")}, {"reason", text("operator")}});
+  sync();
 }
 
 void RunJournal::stop(std::string_view exit_status, const std::string& reason) {

@@ -1,6 +1,8 @@
 // Writes a run's documents into its journal, in the order and shape of Bluesky's event model:
-// start, descriptors "primary" (one event per pose) and "baseline" (the axes at start and end),
-// events, stop.
+// start, descriptors "primary" (one event per pose), "overlap" (poses that a resumed session took
+// again), "baseline" (the axes at start and end) and "interruptions" (pause and going on), events,
+// stop. A resumed run goes on in the same file with a start document of its own, which names the
+// first one's uid in `resumes`.
 #pragma once
 
 #include <array>
@@ -13,23 +15,31 @@
 
 namespace turntable {
 
+inline constexpr std::string_view kOverlapStream = "overlap";
+
 /// Not thread-safe. Every function @throws RecordError.
 class RunJournal {
  public:
   /// Creates the journal of `folder` and writes the start document: `start` (no "." or "/" in its
   /// keys) and what the event model asks for.
   RunJournal(const RunFolder& folder, const Json& start);
+  /// Goes on with the journal of `before`. A session that was killed gets the stop document that it
+  /// could not write.
+  RunJournal(const RunFolder& folder, const Json& start, const RunRecord& before);
 
   /// Axis positions (mm, deg) in the order of kAllAxes.
   void baseline(const std::array<double, kAllAxes.size()>& positions);
   /// Not to be relied on before `sync`.
-  void pose(const TakenPose& taken, std::string_view scenario_name);
+  void pose(const TakenPose& taken, std::string_view scenario_name, bool overlap = false);
+  /// On disk when this returns. @param what "pause", "resume"
+  void interruption(std::string_view what, const std::string& reason);
   /// All poses so far are on the medium when this returns.
   void sync() { journal_.sync(); }
   /// On disk when this returns. @param exit_status "success", "abort" (a person asked) or "fail"
   void stop(std::string_view exit_status, const std::string& reason);
 
  private:
+  void begin(Json start);
   void event(const std::string& stream, const Json& data, const Json& data_keys);
 
   struct Stream {

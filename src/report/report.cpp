@@ -2,11 +2,13 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "src/record/atomic_file.h"
 #include "src/record/csv.h"
+#include "src/record/run_journal.h"
 #include "src/report/calibration_report.h"
 #include "src/report/figures.h"
 #include "src/report/published.h"
@@ -84,6 +86,77 @@ std::string failures_text(const Evaluation& evaluation, const Plan& plan) {
       "its tolerance (flagged `missed`).\n",
       outside, evaluation.poses.size(), missed);
   return md;
+}
+
+/// Shift of the spots from one exposure to another: of the target as a whole, and what is left of the
+/// single spots. Nothing if they do not pair up.
+struct SpotShift {
+  Vector2d mean_px;
+  double rest_px;  ///< rms
+};
+std::optional<SpotShift> spot_shift(const TakenPose& from, const TakenPose& to) {
+  if (from.images.empty() || to.images.empty() || !from.images[0].spots || !to.images[0].spots)
+    return {};
+  const auto& before = *from.images[0].spots;
+  const auto& after = *to.images[0].spots;
+  if (before.empty() || before.size() != after.size()) return {};
+  std::vector<Vector2d> shifts;
+  for (const TakenSpot& spot : before) {
+    const auto distance = [&](const TakenSpot& other) {
+      return std::hypot(other.u_px - spot.u_px, other.v_px - spot.v_px);
+    };
+    const TakenSpot& nearest = *std::ranges::min_element(after, {}, distance);
+    shifts.emplace_back(nearest.u_px - spot.u_px, nearest.v_px - spot.v_px);
+  }
+  SpotShift out{Vector2d::Zero(), 0.0};
+  const auto n = static_cast<double>(shifts.size());
+  for (const Vector2d& shift : shifts) out.mean_px += shift / n;
+  for (const Vector2d& shift : shifts) out.rest_px += (shift - out.mean_px).squaredNorm() / n;
+  out.rest_px = std::sqrt(out.rest_px);
+  return out;
+}
+
+/// Of a run that went on after a break.
+std::string sessions_text(const RunRecord& record) {
+  if (record.sessions.size() < 2) return {};
+  std::string md =
+      "## Sessions\n\nThe run was taken in several sessions.\n\n"
+      "| session | began | ended | how | poses | taken again beside |\n|--:|---|---|---|--:|--:|\n";
+  for (std::size_t s = 0; s < record.sessions.size(); ++s) {
+    const RunSession& session = record.sessions[s];
+    const auto events = [&](const std::string& stream) {
+      const auto found = session.events.find(stream);
+      return found == session.events.end() ? 0 : found->second;
+    };
+    md +=
+        fmt::format("| {} | {} | {} | {}{}{} | {} | {} |\n", s + 1, session.began_utc,
+                    session.last_utc, session.exit_status.empty() ? "killed" : session.exit_status,
+                    session.reason.empty() ? "" : ": ", session.reason, events("primary"),
+                    events(std::string(kOverlapStream)));
+  }
+  if (record.overlaps.empty()) return md + "\n";
+  md +=
+      "\nPoses before a break that were taken again after it, against the ones that count: what "
+      "the "
+      "break has changed.\n\n"
+      "| pose | stage / mm | yaw / deg | roll / deg | pitch / deg | spots, mean u / px | mean v / "
+      "px | "
+      "rest / px rms |\n|--:|--:|--:|--:|--:|--:|--:|--:|\n";
+  for (const TakenPose& again : record.overlaps) {
+    const auto counted = std::ranges::find_if(record.poses, [&](const TakenPose& pose) {
+      return pose.planned.index == again.planned.index;
+    });
+    if (counted == record.poses.end()) continue;
+    md += fmt::format("| {} |", again.planned.index);
+    for (const AxisId id : kAllAxes)
+      md += fmt::format(" {:+.4f} |", again.axis(id).position - counted->axis(id).position);
+    if (const auto shift = spot_shift(*counted, again))
+      md += fmt::format(" {:+.4f} | {:+.4f} | {:.4f} |\n", shift->mean_px.x(), shift->mean_px.y(),
+                        shift->rest_px);
+    else
+      md += " - | - | - |\n";
+  }
+  return md + "\n";
 }
 
 std::string provenance_text(const RunRecord& record) {
@@ -202,6 +275,7 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
   md += "\n## Figures\n\n" + figures_markdown(figures);
   if (rig.simulation && rig.simulated())
     md += "## Simulated error budget\n\n" + simulation_budget(rig) + "\n";
+  md += sessions_text(record);
   md += "## Provenance\n\n" + provenance_text(record);
   write_atomically(folder.report(), md);
   return folder.report();

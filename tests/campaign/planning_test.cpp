@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 
 #include <cmath>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <set>
 
@@ -90,6 +91,69 @@ TEST(Plan, SnakeMovesOneAxisByOneStepFromPoseToPose) {
                      5.0);
   }
   EXPECT_EQ(visited.size(), 9u * 9u * 13u);
+}
+
+Campaign ordered(const std::string& more) {
+  Campaign campaign;
+  campaign.scenarios = {parse_scenario(
+      R"({"format": "turntable-scenario/1", "name": "m", "title": "M", "kind": "attitude",
+          "stage_mm": 120, "repeats": 2,
+          "ranges": [{"axis": "pitch", "values_deg": [-20, 0, 20]},
+                     {"axis": "yaw", "values_deg": [-30, -10, 10, 30]}])" +
+          more + "}",
+      "m.json")};
+  return campaign;
+}
+
+std::multiset<std::pair<double, double>> places(const Plan& plan, int repeat) {
+  std::multiset<std::pair<double, double>> out;
+  for (const PlannedPose& p : plan.poses)
+    if (p.repeat == repeat && p.role == PoseRole::kMeasure) out.emplace(p.pitch_deg, p.yaw_deg);
+  return out;
+}
+
+TEST(Plan, EveryOrderVisitsTheSamePlacesOnceAndNearestMovesLeast) {
+  const Plan written = plan_campaign(ordered(""), rig());
+  std::map<PoseOrder, double> motion_s;
+  for (const OrderTime& time : order_times(ordered(""), rig()))
+    motion_s[time.order] = time.motion_s;
+  for (const char* order : {"snake", "nearest", "random"}) {
+    const Plan plan = plan_campaign(ordered(std::string(", \"order\": \"") + order + "\""), rig());
+    ASSERT_EQ(plan.poses.size(), written.poses.size()) << order;
+    for (const int repeat : {1, 2})
+      EXPECT_EQ(places(plan, repeat), places(written, repeat)) << order;
+    std::set<std::string> ids;
+    for (const PlannedPose& p : plan.poses) EXPECT_TRUE(ids.insert(p.id).second);
+  }
+  EXPECT_LT(motion_s.at(PoseOrder::kSnake), motion_s.at(PoseOrder::kAsWritten));
+  EXPECT_LE(motion_s.at(PoseOrder::kNearest), motion_s.at(PoseOrder::kSnake));
+  EXPECT_GT(motion_s.at(PoseOrder::kRandom), motion_s.at(PoseOrder::kNearest));
+}
+
+TEST(Plan, ShufflesBySeedAndRepeatAndTheSameWayEveryTime) {
+  const auto yaws = [&](const std::string& more, int repeat) {
+    std::vector<std::pair<double, double>> out;
+    for (const PlannedPose& p :
+         plan_campaign(ordered(", \"order\": \"random\"" + more), rig()).poses)
+      if (p.repeat == repeat) out.emplace_back(p.pitch_deg, p.yaw_deg);
+    return out;
+  };
+  EXPECT_EQ(yaws("", 1), yaws("", 1));
+  EXPECT_NE(yaws("", 1), yaws("", 2));
+  EXPECT_NE(yaws("", 1), yaws(", \"order_seed\": 2", 1));
+}
+
+TEST(Plan, ReturnsToZeroAfterEverySoManyPosesButNotAtTheEnd) {
+  const Plan plan = plan_campaign(ordered(", \"return_every\": 4"), rig());
+  std::string roles;
+  for (const PlannedPose& p : plan.poses)
+    roles += p.role == PoseRole::kReference ? 'R' : p.role == PoseRole::kReturn ? 'r' : '.';
+  EXPECT_EQ(roles, "R....r....r....R....r....r....");
+  for (const PlannedPose& p : plan.poses)
+    EXPECT_TRUE(p.role != PoseRole::kReturn || p.yaw_deg == 0.0);
+  EXPECT_EQ(ordered(", \"return_every\": 4").scenarios[0].pose_count() * 2, plan.poses.size());
+  const Plan again = parse_plan(plan_text(plan), "plan.json");
+  EXPECT_EQ(again.poses[5].role, PoseRole::kReturn);
 }
 
 TEST(Plan, OfThePublishedCampaignHasItsPosesRepeatsAndTables) {

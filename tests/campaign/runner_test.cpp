@@ -3,12 +3,16 @@
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 
+#include <chrono>
 #include <nlohmann/json.hpp>
+#include <thread>
 
 #include "src/campaign/planning.h"
 #include "src/core/errors.h"
 #include "src/core/interrupt.h"
 #include "src/record/journal.h"
+#include "src/record/run_journal.h"
+#include "src/record/verify.h"
 #include "src/vision/spots.h"
 #include "tests/support/draws.h"
 #include "tests/support/fake_rig.h"
@@ -342,6 +346,169 @@ TEST_F(RunnerTest, GivesTheSamePosesTwice) {
     return all;
   };
   EXPECT_EQ(taken("once"), taken("twice"));
+}
+
+// A run that goes on.
+
+TEST_F(RunnerTest, GoesOnWhereItWasInterruptedAndTakesAFewPosesAgainBeside) {
+  fake.camera.on_trigger = [&] {
+    if (fake.camera.triggers == 8) set_interrupt_level(1);
+  };
+  const RunRecord before = run_expecting<Interrupted>("abort", "after the last finished pose");
+  ASSERT_EQ(before.poses.size(), 6u);
+  fake.camera.on_trigger = nullptr;
+  AcquireOptions options;
+  options.before = &before;
+  options.overlap = 2;
+  const AcquireSummary summary =
+      acquire(fake.rig, rig_file, plan, *folder, {{"version", "test"}}, options);
+  EXPECT_EQ(summary.poses, 3u);  // overlap apart
+
+  const RunRecord after = read_run(*folder);
+  EXPECT_TRUE(after.complete());
+  EXPECT_EQ(after.exit_status, "success");
+  ASSERT_EQ(after.sessions.size(), 2u);
+  EXPECT_EQ(after.sessions[0].exit_status, "abort");
+  EXPECT_EQ(Json::parse(after.sessions[1].start_document).at("resumes"), after.sessions[0].uid);
+  ASSERT_EQ(after.overlaps.size(), 2u);
+  EXPECT_EQ(after.overlaps[0].planned.index, 4u);
+  EXPECT_EQ(after.overlaps[1].planned.index, 5u);
+  // What was there is as it was, files included.
+  for (std::size_t i = 0; i < before.poses.size(); ++i) {
+    EXPECT_EQ(after.poses[i].images[0].file, before.poses[i].images[0].file);
+    EXPECT_EQ(after.poses[i].images[0].frame_id, before.poses[i].images[0].frame_id);
+    EXPECT_EQ(load_image(*folder, after.poses[i].images[0]).size(), kSize);
+  }
+  EXPECT_NE(after.overlaps[0].images[0].file, after.poses[4].images[0].file);
+}
+
+TEST_F(RunnerTest, TakesNoOverlapOfAnotherPayload) {
+  fake.camera.on_trigger = [&] {
+    if (fake.camera.triggers == 4) set_interrupt_level(1);  // after the two planes
+  };
+  const RunRecord before = run_expecting<Interrupted>("abort", "interrupted");
+  ASSERT_EQ(before.poses.size(), 2u);
+  AcquireOptions options;
+  options.before = &before;
+  EXPECT_TRUE(schedule_of(plan, options).overlap.empty());
+  EXPECT_EQ(schedule_of(plan, options).missing.size(), 7u);
+}
+
+TEST_F(RunnerTest, TakesPosesAgainThatAreNotAmongThoseTaken) {
+  run();
+  RunRecord before = read_run(*folder);
+  const std::string lost = before.poses[3].images[0].file;
+  before.poses.erase(before.poses.begin() + 3);
+  AcquireOptions options;
+  options.before = &before;
+  options.overlap = 0;
+  EXPECT_EQ(acquire(fake.rig, rig_file, plan, *folder, {}, options).poses, 1u);
+  const RunRecord after = read_run(*folder);
+  EXPECT_TRUE(after.complete());
+  EXPECT_NE(after.poses[3].images[0].file, lost);
+  EXPECT_TRUE(std::filesystem::exists(folder->root() / lost)) << "history is never written over";
+}
+
+TEST_F(RunnerTest, ASessionThatWasKilledGetsTheStopDocumentItCouldNotWrite) {
+  run();
+  std::string lines = slurp(folder->journal());
+  lines.resize(lines.rfind("{\"name\":\"stop\""));
+  lines += "{\"name\":\"sto";  // torn
+  spill(folder->journal(), lines);
+  RunRecord before = read_run(*folder);
+  EXPECT_TRUE(before.torn);
+  EXPECT_EQ(before.exit_status, "");
+  before.poses.pop_back();
+  AcquireOptions options;
+  options.before = &before;
+  acquire(fake.rig, rig_file, plan, *folder, {}, options);
+  const RunRecord after = read_run(*folder);
+  EXPECT_FALSE(after.torn);
+  ASSERT_EQ(after.sessions.size(), 2u);
+  EXPECT_EQ(after.sessions[0].exit_status, "fail");
+  EXPECT_THAT(after.sessions[0].reason, HasSubstr("killed"));
+  EXPECT_TRUE(verify_run(*folder).sound());
+}
+
+TEST_F(RunnerTest, AJournalCutOffAtAnyByteLosesNothingThatWasAcknowledged) {
+  run();
+  const std::string whole = slurp(folder->journal());
+  std::size_t step = 0;
+  for (std::size_t length = 0; length <= whole.size(); length += 97 + step++ % 7) {
+    spill(folder->journal(), whole.substr(0, length));
+    const std::string kept = whole.substr(0, length);
+    // Acknowledged: whole lines.
+    std::size_t poses = 0, from = 0;
+    for (std::size_t end; (end = kept.find('\n', from)) != kept.npos; from = end + 1)
+      poses += kept.substr(from, end - from).find("\"pose_id\":") != kept.npos &&
+               kept.substr(from, end - from).starts_with("{\"name\":\"event\"");
+    const RunRecord before = read_run(*folder);
+    ASSERT_EQ(before.poses.size(), poses) << length;
+    {
+      RunJournal journal(*folder, {{"version", "test"}}, before);
+      journal.stop("success", "");
+    }
+    const RunRecord after = read_run(*folder);
+    EXPECT_EQ(after.poses.size(), poses) << length;
+    EXPECT_FALSE(after.torn) << length;
+    EXPECT_EQ(after.exit_status, "success") << length;
+  }
+}
+
+TEST_F(RunnerTest, PausesBetweenPosesUntilItIsToldToGoOnAndTheJournalSaysSo) {
+  std::thread other;
+  fake.camera.on_trigger = [&] {
+    if (fake.camera.triggers != 5) return;
+    request_pause(true);
+    other = std::thread([] {
+      std::this_thread::sleep_for(std::chrono::milliseconds(100));
+      request_pause(false);
+    });
+  };
+  EXPECT_EQ(run().poses, 9u);
+  other.join();
+  std::vector<std::string> interruptions;
+  read_journal(folder->journal(), [&](const JournalEntry& entry) {
+    if (entry.name == "event" && entry.doc.at("data").contains("interruption"))
+      interruptions.push_back(entry.doc.at("data").at("interruption"));
+  });
+  EXPECT_THAT(interruptions, ElementsAre("pause", "resume"));
+  EXPECT_TRUE(verify_run(*folder).sound());
+}
+
+TEST_F(RunnerTest, AnInterruptEndsAPauseToo) {
+  fake.camera.on_trigger = [&] {
+    if (fake.camera.triggers == 5) request_pause(true);
+  };
+  std::thread other([] {
+    while (!pause_requested()) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    set_interrupt_level(1);
+  });
+  EXPECT_EQ(run_expecting<Interrupted>("abort", "interrupted").poses.size(), 3u);
+  other.join();
+  request_pause(false);
+}
+
+TEST_F(RunnerTest, WhatWasAlteredOrIsMissingIsNamedAndNothingElse) {
+  run();
+  EXPECT_TRUE(verify_run(*folder).sound());
+  const RunRecord record = read_run(*folder);
+  const auto image = [&](std::size_t pose) {
+    return folder->root() / record.poses[pose].images[0].file;
+  };
+  std::filesystem::remove(image(2));
+  std::string bytes = slurp(image(5));
+  bytes[bytes.size() / 2] ^= 1;
+  spill(image(5), bytes);
+  spill(folder->images() / "left-over.png", "x");
+  const RunFindings findings = verify_run(*folder);
+  ASSERT_EQ(findings.damage.size(), 2u);
+  EXPECT_THAT(findings.damage[0], HasSubstr(image(2).filename().string()));
+  EXPECT_THAT(findings.damage[1], HasSubstr("was altered"));
+  EXPECT_THAT(findings.lost_poses, ElementsAre(2, 5));
+  ASSERT_EQ(findings.remarks.size(), 1u);
+  EXPECT_THAT(findings.remarks[0], HasSubstr("no line of the journal"));
 }
 
 }  // namespace

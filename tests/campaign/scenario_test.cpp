@@ -110,6 +110,15 @@ TEST(Scenario, ReturnsToTheFirstPlaneIfAskedTo) {
   EXPECT_EQ(s.pose_count(), 4u);
 }
 
+TEST(ScenarioRefuses, AnOrderThatIsNoneASeedWithoutShufflingAndNearestOfTooMany) {
+  EXPECT_THAT(refusal(changed(attitude(), "/order", "fastest")), Refuses("/order", "nearest"));
+  EXPECT_THAT(refusal(changed(attitude(), "/order_seed", 3)), Refuses("/order_seed", "random"));
+  Json many = changed(attitude(), "/order", "nearest");
+  many["ranges"] = {{{"axis", "yaw"}, {"start_deg", 0}, {"stop_deg", 45}, {"step_deg", 0.2}},
+                    {{"axis", "pitch"}, {"start_deg", 0}, {"stop_deg", 30}, {"step_deg", 0.5}}};
+  EXPECT_THAT(refusal(many), Refuses("/order", "snake"));
+}
+
 TEST(ScenarioRefuses, AStepOfZero) {
   EXPECT_THAT(refusal(changed(attitude(), "/ranges/0/step_deg", 0)),
               Refuses("/ranges/0/step_deg", "found 0"));

@@ -1,0 +1,139 @@
+#include "src/record/verify.h"
+
+#include <fmt/format.h>
+
+#include <atomic>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "src/core/errors.h"
+#include "src/core/json_document.h"
+#include "src/core/parallel.h"
+#include "src/record/journal.h"
+#include "src/record/sha256.h"
+
+namespace turntable {
+namespace {
+
+/// Event model: every document after its start, every event after its descriptor, numbers without a
+/// gap.
+class Documents {
+ public:
+  explicit Documents(std::string journal) : journal_(std::move(journal)) {
+    for (const char* name : {"start", "descriptor", "event", "stop"})
+      checks_.emplace(name, std::string("event-") + name);
+  }
+
+  /// @return what is wrong; empty if nothing is.
+  std::string check(const JournalEntry& entry) {
+    const auto schema = checks_.find(entry.name);
+    if (schema == checks_.end()) return "is none of start, descriptor, event and stop";
+    try {
+      schema->second(entry.doc, fmt::format("{} line {}", journal_, entry.seq));
+    } catch (const ConfigError& e) {
+      return e.what();
+    }
+    if (entry.name == "start") {
+      run_ = entry.doc.at("uid");
+      streams_.clear();
+      return {};
+    }
+    if (entry.name == "event") {
+      const auto stream = streams_.find(entry.doc.at("descriptor").get<std::string>());
+      if (stream == streams_.end()) return "names a descriptor that is not there";
+      if (entry.doc.at("seq_num") != ++stream->second) return "leaves out an event of its stream";
+      return {};
+    }
+    if (entry.doc.at("run_start") != run_) return "belongs to another start document";
+    if (entry.name == "descriptor") streams_[entry.doc.at("uid")] = 0;
+    return {};
+  }
+
+ private:
+  std::string journal_;
+  std::map<std::string, SchemaCheck> checks_;
+  std::string run_;
+  std::map<std::string, int> streams_;  ///< events by descriptor
+};
+
+}  // namespace
+
+void verify_images(const RunFolder& folder, const RunRecord& record, RunFindings& findings,
+                   const VerifyProgress& progress) {
+  std::vector<std::vector<std::string>> damage(record.poses.size());
+  std::atomic<std::size_t> done{0}, images{0};
+  parallel_for(record.poses.size(), [&](std::size_t i) {
+    for (const TakenImage& image : record.poses[i].images) {
+      if (image.file.empty()) continue;
+      ++images;
+      const auto file = folder.root() / image.file;
+      std::string what;
+      try {
+        if (sha256_hex(read_text(file)) != image.sha256)
+          what = fmt::format("{}: was altered: its SHA-256 is not the journal's", file.string());
+      } catch (const ConfigError& e) {
+        what = e.what();
+      }
+      if (!what.empty())
+        damage[i].push_back(
+            fmt::format("{} (pose {}). Restore it from a copy, or \"turntable "
+                        "resume\" takes the pose again.",
+                        what, record.poses[i].planned.index));
+    }
+    if (progress) progress(++done, record.poses.size());
+  });
+  findings.images += images;
+  for (std::size_t i = 0; i < damage.size(); ++i) {
+    if (damage[i].empty()) continue;
+    findings.lost_poses.push_back(record.poses[i].planned.index);
+    for (std::string& what : damage[i]) findings.damage.push_back(std::move(what));
+  }
+}
+
+RunFindings verify_run(const RunFolder& folder, const VerifyProgress& progress) {
+  RunFindings findings;
+  try {
+    const RunRecord record = read_run(folder);
+    Documents documents(folder.journal().string());
+    std::set<std::string> named;  // image files
+    std::string plan_sha256;
+    read_journal(folder.journal(), [&](const JournalEntry& entry) {
+      ++findings.lines;
+      if (const std::string wrong = documents.check(entry); !wrong.empty())
+        findings.damage.push_back(fmt::format("{}: line {} ({}) {}", folder.journal().string(),
+                                              entry.seq, entry.name, wrong));
+      if (entry.name == "start" && plan_sha256.empty())
+        plan_sha256 = entry.doc.value("plan_sha256", "");
+      if (entry.name == "event" && entry.doc.at("data").contains("image_files"))
+        for (const auto& file : entry.doc.at("data").at("image_files"))
+          named.insert(file.get<std::string>());
+    });
+    if (!plan_sha256.empty() && plan_sha256 != sha256_hex(plan_text(record.plan)))
+      findings.damage.push_back(fmt::format(
+          "{}: is not the plan that the run was started with: its SHA-256 is not the journal's. "
+          "Restore it from a copy.",
+          folder.plan().string()));
+    if (record.torn)
+      findings.remarks.push_back(fmt::format("{}: {}; it was cut off and never counted",
+                                             folder.journal().string(), *record.torn));
+    for (std::size_t s = 0; s < record.sessions.size(); ++s)
+      if (record.sessions[s].exit_status.empty())
+        findings.remarks.push_back(fmt::format(
+            "session {} has no stop document: it was killed, or is still running", s + 1));
+    verify_images(folder, record, findings, progress);
+    std::error_code error;
+    std::size_t orphans = 0;
+    for (const auto& file : std::filesystem::directory_iterator(folder.images(), error))
+      orphans += !named.contains("images/" + file.path().filename().string());
+    if (orphans > 0)
+      findings.remarks.push_back(fmt::format(
+          "{}: {} file{} that no line of the journal names; a run that is killed leaves the last",
+          folder.images().string(), orphans, orphans == 1 ? "" : "s"));
+  } catch (const ConfigError& e) {
+    findings.damage.push_back(e.what());
+  }
+  return findings;
+}
+
+}  // namespace turntable
