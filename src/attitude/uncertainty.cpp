@@ -1,5 +1,6 @@
 #include "src/attitude/uncertainty.h"
 
+#include <Eigen/Cholesky>
 #include <cassert>
 #include <cmath>
 
@@ -58,6 +59,30 @@ Linearised linearise(const TargetModel& target, const Observation& observation, 
   return out;
 }
 
+/// As in ml_ray.h: what keeps T_z where parallel rays know nothing of it.
+constexpr double kRidge = 1e-13;
+
+/// (J^T J)^-1 of (delta, T), lengths of one size inside.
+Matrix6d inverse_information(const Linearised& at, double radius_mm) {
+  Eigen::Matrix<double, 6, 1> size = Eigen::Matrix<double, 6, 1>::Ones();
+  size.head<3>().setConstant(1.0 / radius_mm);
+  Matrix6d N = size.asDiagonal() * (at.J.transpose() * at.J) * size.asDiagonal();
+  N(5, 5) += kRidge * N(4, 4);
+  return size.asDiagonal() * N.llt().solve(Matrix6d::Identity()) * size.asDiagonal();
+}
+
+/// The height that a pose without one stands for: nearly parallel rays let it serve as a scale.
+Vector3d with_height(const TargetModel& target, const Observation& observation, const Matrix3d& R,
+                     Vector3d T, std::uint32_t left_out) {
+  if (std::isfinite(T.z())) return T;
+  T.z() = observation.planes.a_mm;
+  for (int pass = 0; pass < 2; ++pass) {
+    const Linearised at = linearise(target, observation, R, T, left_out);
+    T -= (inverse_information(at, target.radius_mm()) * at.J.transpose() * at.r).tail<3>();
+  }
+  return T;
+}
+
 }  // namespace
 
 PoseUncertainty propagate_uncertainty(const TargetModel& target, const Observation& observation,
@@ -69,16 +94,12 @@ PoseUncertainty propagate_uncertainty(const TargetModel& target, const Observati
     return out;
   }
   assert(suits(sources, target.size()));
-  // The height of parallel rays is not known and nothing of it reaches the attitude.
-  Matrix6d N_inverse = solution.covariance;
-  const bool height = N_inverse.allFinite();
-  if (!height) {
-    N_inverse.row(5).setZero();
-    N_inverse.col(5).setZero();
-  }
-  Vector3d T = solution.position_mm;
-  if (!height) T.z() = observation.planes.a_mm;
+  const bool height = std::isfinite(solution.position_mm.z());
+  const Vector3d T =
+      with_height(target, observation, solution.R, solution.position_mm, solution.left_out);
   const Linearised at = linearise(target, observation, solution.R, T, solution.left_out);
+  const Matrix6d N_inverse =
+      height ? solution.covariance : inverse_information(at, target.radius_mm());
   const Eigen::MatrixXd gain = -N_inverse * at.J.transpose();  // d theta / d r
   const auto add = [&gain](Matrix6d& part, const Eigen::MatrixXd& B, const Eigen::MatrixXd& E) {
     const Eigen::MatrixXd M = gain * B;
@@ -100,10 +121,8 @@ PoseUncertainty propagate_uncertainty(const TargetModel& target, const Observati
 Fit judge_fit(const TargetModel& target, const Observation& observation, const Matrix3d& R,
               const Vector3d& T, const UncertaintySources& sources, std::uint32_t left_out) {
   assert(suits(sources, target.size()));
-  const bool height = std::isfinite(T.z());
   const Linearised at =
-      linearise(target, observation, R,
-                height ? T : Vector3d(T.x(), T.y(), observation.planes.a_mm), left_out);
+      linearise(target, observation, R, with_height(target, observation, R, T, left_out), left_out);
   Eigen::MatrixXd Sigma = Eigen::MatrixXd::Zero(at.r.size(), at.r.size());
   for (int t = 0; t < target.size(); ++t)
     if ((left_out >> t & 1u) == 0) Sigma(2 * t, 2 * t) = Sigma(2 * t + 1, 2 * t + 1) = 1.0;
@@ -122,7 +141,7 @@ Fit judge_fit(const TargetModel& target, const Observation& observation, const M
   out.dof = at.rows;
   // J N^-1 J^T = Q Q^T, Q by Gram-Schmidt, once more for rounding. What depends on the columns
   // before it, to rounding, takes nothing away.
-  Eigen::MatrixXd Q = at.J.leftCols(height ? 6 : 5);
+  Eigen::MatrixXd Q = at.J;
   for (Eigen::Index k = 0; k < Q.cols(); ++k) {
     const double length = Q.col(k).norm();
     for (int pass = 0; pass < 2; ++pass)

@@ -46,6 +46,10 @@ double focal_length_px(const IrtModel& irt) {
   return 1.0 / std::sqrt(std::abs(du.x() * dv.y() - du.y() * dv.x()));
 }
 
+bool positive_definite(const Eigen::Matrix2d& C) {
+  return C.allFinite() && C(0, 0) > 0.0 && C(0, 1) == C(1, 0) && C.determinant() > 0.0;
+}
+
 bool finite(const Ray& ray) { return ray.at_a.allFinite() && ray.at_b.allFinite(); }
 
 }  // namespace
@@ -167,7 +171,8 @@ MeasuredAttitude AttitudeSensor::measure(std::span<const Vector2d> points_px,
   const std::size_t n = points_px.size();
   if (n != static_cast<std::size_t>(target_.size()) ||
       (!covariances_px2.empty() && covariances_px2.size() != n) ||
-      !std::ranges::all_of(points_px, [](const Vector2d& p) { return p.allFinite(); }))
+      !std::ranges::all_of(points_px, [](const Vector2d& p) { return p.allFinite(); }) ||
+      !std::ranges::all_of(covariances_px2, positive_definite))
     return out;
   out.in_domain = std::ranges::all_of(
       points_px, [&](const Vector2d& p) { return calibration_.irt.in_domain(p); });

@@ -424,6 +424,32 @@ TEST_F(Uncertainty, judges_what_is_left_of_points_and_height) {
   EXPECT_NEAR(fit.expected, 2 * kPoints - 5, 1e-9);
 }
 
+TEST(NearlyParallelRays, pass_the_uncertainty_of_the_target_on_through_their_scale) {
+  Random random = draws_of_this_test();
+  const Problem exact = stated(problems::random_problem(random, problems::published_target(), 35.0,
+                                                        {.centre_mm = {0, 0, 1e5}}),
+                               1e-3, random);
+  const Solution truth = solve(exact);
+  ASSERT_EQ(status_name(truth.status), "height_undefined");
+  const UncertaintySources sources{{}, random_covariance(12, 0.02, random)};
+  const PoseUncertainty u =
+      propagate_uncertainty(TargetModel(exact.target_mm), exact.observation(), truth, sources);
+  EXPECT_TRUE(std::isnan(u.target(5, 5)));
+  constexpr int kDraws = 3000;
+  Eigen::Matrix<double, 5, 1> squares = Eigen::Matrix<double, 5, 1>::Zero();
+  for (int i = 0; i < kDraws; ++i) {
+    const Eigen::VectorXd e = draw(sources.target_mm2, random);
+    std::vector<Vector3d> real = exact.target_mm;
+    for (Eigen::Index t = 0; t < 4; ++t) real[static_cast<std::size_t>(t)] += e.segment<3>(3 * t);
+    Problem seen = problems::make(real, exact.R_plane_from_target, exact.origin_mm, exact.lens);
+    seen.target_mm = exact.target_mm;
+    seen.spreads = exact.spreads;
+    squares += difference(truth, solve(seen)).head<5>().cwiseAbs2() / kDraws;
+  }
+  const Eigen::Array<double, 5, 1> ratio = squares.array() / u.target.diagonal().head<5>().array();
+  EXPECT_LT((ratio - 1.0).abs().maxCoeff(), 5.0 * std::sqrt(2.0 / kDraws)) << ratio.transpose();
+}
+
 TEST_F(Uncertainty, of_sources_not_stated_is_zero_and_without_covariance_unknown) {
   const PoseUncertainty u = propagate_uncertainty(target, exact.observation(), truth, {});
   EXPECT_EQ(u.rays, Matrix6d(Matrix6d::Zero()));

@@ -299,7 +299,8 @@ TEST(SolverStudy, IsDoneInParts) {
   options.solvers = rows_named({"ml_ray"});
   std::atomic<std::size_t> last{0}, total{0};
   const SolverStudy result = study(options, [&](std::size_t done, std::size_t of) {
-    last = std::max(last.load(), done);
+    for (std::size_t seen = last; seen < done && !last.compare_exchange_weak(seen, done);) {
+    }
     total = of;
   });
   EXPECT_EQ(last.load(), total.load());
