@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "src/attitude/chi_square.h"
+#include "src/attitude/information.h"
 #include "src/attitude/ray_residual.h"
 #include "src/attitude/ray_start.h"
 
@@ -124,20 +125,7 @@ class Refinement {
 
   /// Of (delta, T); NaN if undetermined.
   Matrix6d covariance(const Normal& at) const {
-    const Eigen::LLT<Matrix6d> factor(at.N);
-    if (!determined(factor)) return Matrix6d::Constant(Solution::kNaN);
-    // N = L L^T, N^-1 = K^T K with K = L^-1, a column at a time.
-    const auto& L = factor.matrixLLT();
-    Matrix6d K = Matrix6d::Zero();
-    for (Eigen::Index j = 0; j < 6; ++j) {
-      K(j, j) = 1.0 / L(j, j);
-      for (Eigen::Index i = j + 1; i < 6; ++i) {
-        double sum = 0.0;
-        for (Eigen::Index k = j; k < i; ++k) sum += L(i, k) * K(k, j);
-        K(i, j) = -sum / L(i, i);
-      }
-    }
-    Matrix6d covariance = K.transpose().lazyProduct(K);
+    Matrix6d covariance = inverse_of_information(at.N);
     covariance.topRows<3>() /= radius_;
     covariance.leftCols<3>() /= radius_;
     if (height_undefined_) {

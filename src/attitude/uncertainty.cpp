@@ -1,9 +1,9 @@
 #include "src/attitude/uncertainty.h"
 
-#include <Eigen/Cholesky>
 #include <cassert>
 #include <cmath>
 
+#include "src/attitude/information.h"
 #include "src/attitude/ray_residual.h"
 
 namespace turntable {
@@ -66,9 +66,9 @@ constexpr double kRidge = 1e-13;
 Matrix6d inverse_information(const Linearised& at, double radius_mm) {
   Eigen::Matrix<double, 6, 1> size = Eigen::Matrix<double, 6, 1>::Ones();
   size.head<3>().setConstant(1.0 / radius_mm);
-  Matrix6d N = size.asDiagonal() * (at.J.transpose() * at.J) * size.asDiagonal();
+  Matrix6d N = size.asDiagonal() * Matrix6d(at.J.transpose().lazyProduct(at.J)) * size.asDiagonal();
   N(5, 5) += kRidge * N(4, 4);
-  return size.asDiagonal() * N.llt().solve(Matrix6d::Identity()) * size.asDiagonal();
+  return size.asDiagonal() * inverse_of_information(N) * size.asDiagonal();
 }
 
 /// The height that a pose without one stands for: nearly parallel rays let it serve as a scale.
@@ -78,7 +78,8 @@ Vector3d with_height(const TargetModel& target, const Observation& observation, 
   T.z() = observation.planes.a_mm;
   for (int pass = 0; pass < 2; ++pass) {
     const Linearised at = linearise(target, observation, R, T, left_out);
-    T -= (inverse_information(at, target.radius_mm()) * at.J.transpose() * at.r).tail<3>();
+    const Eigen::Matrix<double, 6, 1> gradient = at.J.transpose().lazyProduct(at.r);
+    T -= (inverse_information(at, target.radius_mm()) * gradient).tail<3>();
   }
   return T;
 }
@@ -100,10 +101,11 @@ PoseUncertainty propagate_uncertainty(const TargetModel& target, const Observati
   const Linearised at = linearise(target, observation, solution.R, T, solution.left_out);
   const Matrix6d N_inverse =
       height ? solution.covariance : inverse_information(at, target.radius_mm());
-  const Eigen::MatrixXd gain = -N_inverse * at.J.transpose();  // d theta / d r
+  const Eigen::MatrixXd gain = -N_inverse.lazyProduct(at.J.transpose());  // d theta / d r
   const auto add = [&gain](Matrix6d& part, const Eigen::MatrixXd& B, const Eigen::MatrixXd& E) {
-    const Eigen::MatrixXd M = gain * B;
-    part += M * E * M.transpose();
+    // Lazily: the matrices are small, and a blocked product takes longer to compile than to run.
+    const Eigen::MatrixXd M = gain.lazyProduct(B), ME = M.lazyProduct(E);
+    part += ME.lazyProduct(M.transpose());
   };
   if (sources.rays_mm2.size() > 0) {
     add(out.rays, at.B_x, sources.rays_mm2);
@@ -127,7 +129,8 @@ Fit judge_fit(const TargetModel& target, const Observation& observation, const M
   for (int t = 0; t < target.size(); ++t)
     if ((left_out >> t & 1u) == 0) Sigma(2 * t, 2 * t) = Sigma(2 * t + 1, 2 * t + 1) = 1.0;
   const auto add = [&Sigma](const Eigen::MatrixXd& B, const Eigen::MatrixXd& E) {
-    Sigma += B * E * B.transpose();
+    const Eigen::MatrixXd BE = B.lazyProduct(E);
+    Sigma += BE.lazyProduct(B.transpose());
   };
   if (sources.rays_mm2.size() > 0) {
     add(at.B_x, sources.rays_mm2);
@@ -151,7 +154,7 @@ Fit judge_fit(const TargetModel& target, const Observation& observation, const M
       continue;
     }
     Q.col(k).normalize();
-    out.expected -= Q.col(k).dot(Sigma * Q.col(k));
+    out.expected -= Q.col(k).dot(Eigen::VectorXd(Sigma.lazyProduct(Q.col(k))));
     --out.dof;
   }
   return out;

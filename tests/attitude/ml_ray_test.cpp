@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "src/attitude/cramer_rao.h"
+#include "src/attitude/information.h"
 #include "src/attitude/uncertainty.h"
 #include "tests/attitude/problems.h"
 #include "tests/support/draws.h"
@@ -39,29 +40,31 @@ Problem stated(const Problem& exact, double sigma_px, Random& random) {
   return p;
 }
 
-/// Symmetric and positive, with standard deviations about `sigma`.
-Eigen::MatrixXd random_covariance(Eigen::Index size, double sigma, Random& random) {
-  Eigen::MatrixXd root(size, size);
-  for (Eigen::Index i = 0; i < size; ++i)
-    for (Eigen::Index j = 0; j < size; ++j) root(i, j) = random.normal();
-  return sigma * sigma / static_cast<double>(size) * root * root.transpose();
-}
+/// Symmetric and positive, with standard deviations about `sigma`: root root^T.
+struct Covariance {
+  Eigen::MatrixXd root, matrix;
 
-/// A draw of N(0, covariance).
-Eigen::VectorXd draw(const Eigen::MatrixXd& covariance, Random& random) {
-  Eigen::VectorXd z(covariance.rows());
-  for (double& value : z) value = random.normal();
-  return covariance.llt().matrixL() * z;
-}
+  Covariance(Eigen::Index size, double sigma, Random& random) : root(size, size) {
+    for (Eigen::Index i = 0; i < size; ++i)
+      for (Eigen::Index j = 0; j < size; ++j)
+        root(i, j) = sigma / std::sqrt(static_cast<double>(size)) * random.normal();
+    matrix = root.lazyProduct(root.transpose());
+  }
+  Eigen::VectorXd draw(Random& random) const {
+    Eigen::VectorXd z(root.cols());
+    for (double& value : z) value = random.normal();
+    return root.lazyProduct(z);
+  }
+};
 
 void expect_same_covariance(const Matrix6d& sampled, const Matrix6d& stated, int draws) {
-  // Whitened by the stated one, the sample is the identity within its own scatter.
-  const Matrix6d L = stated.llt().matrixL();
-  const Matrix6d whitened = L.triangularView<Eigen::Lower>().solve(
-      L.triangularView<Eigen::Lower>().solve(sampled).transpose().eval());
-  const double scatter = 5.0 * std::sqrt(2.0 / draws);
-  EXPECT_LT((whitened - Matrix6d::Identity()).cwiseAbs().maxCoeff(), scatter)
-      << whitened << "\nallowed: " << scatter;
+  // An entry of the sample scatters by sqrt((C_ii C_jj + C_ij^2) / draws) about C_ij.
+  for (Eigen::Index i = 0; i < 6; ++i)
+    for (Eigen::Index j = 0; j < 6; ++j)
+      EXPECT_LT(
+          std::abs(sampled(i, j) - stated(i, j)),
+          5.0 * std::sqrt((stated(i, i) * stated(j, j) + stated(i, j) * stated(i, j)) / draws))
+          << i << " " << j;
 }
 
 TEST(MlRay, covariance_is_the_cramer_rao_bound_for_central_cameras) {
@@ -236,7 +239,8 @@ TEST(MlRay, robust_answers_for_the_first_point_also_where_it_is_left_out) {
     Vector6d d;
     d << vector_from_rotation(exact.R_plane_from_target * s.R.transpose()),
         exact.origin_mm - s.position_mm;
-    EXPECT_LT(d.dot(s.covariance.llt().solve(d)), 40.0);  // 6 degrees of freedom
+    EXPECT_LT(d.dot(Vector6d(inverse_of_information(s.covariance) * d)),
+              40.0);  // 6 degrees of freedom
   }
 }
 
@@ -307,8 +311,8 @@ TEST_F(Uncertainty, of_rays_and_target_is_what_finite_differences_say) {
   const auto derivative = [&](const auto& moved) -> Vector6d {
     return difference(solve(moved(-kStep)), solve(moved(kStep))) / (2.0 * kStep);
   };
-  const UncertaintySources sources{random_covariance(2 * kPoints, 0.01, random),
-                                   random_covariance(3 * kPoints, 0.02, random)};
+  const Covariance of_rays(2 * kPoints, 0.01, random), of_target(3 * kPoints, 0.02, random);
+  const UncertaintySources sources{of_rays.matrix, of_target.matrix};
   Eigen::MatrixXd to_x(6, 2 * kPoints), to_y = to_x, to_target(6, 3 * kPoints);
   const Eigen::VectorXd none = Eigen::VectorXd::Zero(2 * kPoints);
   for (Eigen::Index i = 0; i < 2 * kPoints; ++i) {
@@ -330,8 +334,8 @@ TEST_F(Uncertainty, of_rays_and_target_is_what_finite_differences_say) {
 }
 
 TEST_F(Uncertainty, of_each_source_is_what_monte_carlo_says) {
-  const UncertaintySources sources{random_covariance(2 * kPoints, 0.01, random),
-                                   random_covariance(3 * kPoints, 0.02, random)};
+  const Covariance of_rays(2 * kPoints, 0.01, random), of_target(3 * kPoints, 0.02, random);
+  const UncertaintySources sources{of_rays.matrix, of_target.matrix};
   const PoseUncertainty u = propagate_uncertainty(target, exact.observation(), truth, sources);
   constexpr int kDraws = 4000;
   Matrix6d spots = Matrix6d::Zero(), rays = spots, geometry = spots, all = spots;
@@ -344,10 +348,10 @@ TEST_F(Uncertainty, of_each_source_is_what_monte_carlo_says) {
     noisy.spreads.clear();
     problems::add_noise(noisy, 0.05, random);
     add(spots, noisy);
-    const Eigen::VectorXd x = draw(sources.rays_mm2, random), y = draw(sources.rays_mm2, random);
+    const Eigen::VectorXd x = of_rays.draw(random), y = of_rays.draw(random);
     const Problem moved = with_ray_errors(x, y);
     add(rays, moved);
-    Problem together = with_target_errors(draw(sources.target_mm2, random));
+    Problem together = with_target_errors(of_target.draw(random));
     add(geometry, together);
     for (std::size_t t = 0; t < kPoints; ++t) {
       together.rays[t].at_a += moved.rays[t].at_a + noisy.rays[t].at_a - 2.0 * exact.rays[t].at_a;
@@ -362,8 +366,8 @@ TEST_F(Uncertainty, of_each_source_is_what_monte_carlo_says) {
 }
 
 TEST_F(Uncertainty, expects_the_residuals_that_monte_carlo_finds) {
-  const UncertaintySources sources{random_covariance(2 * kPoints, 0.01, random),
-                                   random_covariance(3 * kPoints, 0.02, random)};
+  const Covariance of_rays(2 * kPoints, 0.01, random), of_target(3 * kPoints, 0.02, random);
+  const UncertaintySources sources{of_rays.matrix, of_target.matrix};
   constexpr int kDraws = 4000;
   struct Case {
     bool spots, rays, target;
@@ -377,11 +381,11 @@ TEST_F(Uncertainty, expects_the_residuals_that_monte_carlo_finds) {
     for (int i = 0; i < kDraws; ++i) {
       Problem noisy = exact;
       problems::add_noise(noisy, 0.05, random);
-      Problem seen = with_target_errors(c.target ? draw(sources.target_mm2, random)
+      Problem seen = with_target_errors(c.target ? of_target.draw(random)
                                                  : Eigen::VectorXd::Zero(3 * kPoints).eval());
       const Eigen::VectorXd none = Eigen::VectorXd::Zero(2 * kPoints);
-      const Problem moved = with_ray_errors(c.rays ? draw(sources.rays_mm2, random) : none,
-                                            c.rays ? draw(sources.rays_mm2, random) : none);
+      const Problem moved = with_ray_errors(c.rays ? of_rays.draw(random) : none,
+                                            c.rays ? of_rays.draw(random) : none);
       for (std::size_t t = 0; t < kPoints; ++t) {
         seen.rays[t].at_a += moved.rays[t].at_a + noisy.rays[t].at_a - 2.0 * exact.rays[t].at_a;
         seen.rays[t].at_b += moved.rays[t].at_b + noisy.rays[t].at_b - 2.0 * exact.rays[t].at_b;
@@ -431,14 +435,15 @@ TEST(NearlyParallelRays, pass_the_uncertainty_of_the_target_on_through_their_sca
                                1e-3, random);
   const Solution truth = solve(exact);
   ASSERT_EQ(status_name(truth.status), "height_undefined");
-  const UncertaintySources sources{{}, random_covariance(12, 0.02, random)};
+  const Covariance of_target(12, 0.02, random);
+  const UncertaintySources sources{{}, of_target.matrix};
   const PoseUncertainty u =
       propagate_uncertainty(TargetModel(exact.target_mm), exact.observation(), truth, sources);
   EXPECT_TRUE(std::isnan(u.target(5, 5)));
   constexpr int kDraws = 3000;
   Eigen::Matrix<double, 5, 1> squares = Eigen::Matrix<double, 5, 1>::Zero();
   for (int i = 0; i < kDraws; ++i) {
-    const Eigen::VectorXd e = draw(sources.target_mm2, random);
+    const Eigen::VectorXd e = of_target.draw(random);
     std::vector<Vector3d> real = exact.target_mm;
     for (Eigen::Index t = 0; t < 4; ++t) real[static_cast<std::size_t>(t)] += e.segment<3>(3 * t);
     Problem seen = problems::make(real, exact.R_plane_from_target, exact.origin_mm, exact.lens);
