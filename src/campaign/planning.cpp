@@ -90,9 +90,10 @@ std::vector<std::vector<std::size_t>> visits_of(const Scenario& scenario, int re
     std::vector<std::size_t> at = times.zero();
     for (std::size_t next = 0; next < count; ++next) {
       // Of several equally near the first as written, so that the order is one.
-      const auto nearest = std::min_element(
-          visits.begin() + static_cast<std::ptrdiff_t>(next), visits.end(),
-          [&](const auto& a, const auto& b) { return times.between(at, a) < times.between(at, b); });
+      const auto nearest = std::min_element(visits.begin() + static_cast<std::ptrdiff_t>(next),
+                                            visits.end(), [&](const auto& a, const auto& b) {
+                                              return times.between(at, a) < times.between(at, b);
+                                            });
       std::rotate(visits.begin() + static_cast<std::ptrdiff_t>(next), nearest, nearest + 1);
       at = visits[next];
     }

@@ -49,8 +49,9 @@ class Reader {
   /// The schema lists the keys of both kinds; each kind has its own.
   void check_keys(ScenarioKind kind) const {
     static const std::set<std::string> common{"format", "name", "title", "kind", "dwell_ms"};
-    static const std::set<std::string> attitude{"payload", "table",   "stage_mm",       "ranges",
-                                                "order",   "order_seed", "return_every", "repeats", "images_per_pose"};
+    static const std::set<std::string> attitude{"payload",      "table",   "stage_mm",
+                                                "ranges",       "order",   "order_seed",
+                                                "return_every", "repeats", "images_per_pose"};
     static const std::set<std::string> calibration{"planes", "images_per_plane", "polynomial_order",
                                                    "pinhole_views", "return_to_first_plane"};
     const bool is_attitude = kind == ScenarioKind::kAttitude;

@@ -15,8 +15,8 @@ namespace turntable {
 namespace {
 
 constexpr std::array<std::string_view, 2> kKindNames{"calibration", "attitude"};
-constexpr std::array<std::string_view, 6> kRoleNames{"reference", "measure", "return", "plane_fit",
-                                                     "plane_check", "pinhole_view"};
+constexpr std::array<std::string_view, 6> kRoleNames{"reference", "measure",     "return",
+                                                     "plane_fit", "plane_check", "pinhole_view"};
 
 /// Index of a name that the schema has already checked.
 template <class Enum, std::size_t N>
