@@ -236,56 +236,82 @@ void check_limits(const Plan& plan, const RigFile& rig, Violations& violations) 
     }
 }
 
+/// A disc that should be seen, mm from the gimbal centre at zero angles.
+struct Mark {
+  Vector3d at;
+  double radius_mm;
+};
+
+Mark pattern_mark(const PatternConfig& p, int column, int row, double radius_mm) {
+  return {p.offset_mm + p.spacing_mm * Vector3d(column, row, 0), radius_mm};
+}
+
+/// What has to be in view of the pattern: the direction circles, as the rest may be cut off; of a
+/// pattern without them, which is found whole or not at all, the ends of its outer rows.
+std::vector<Mark> marks_of(const PatternConfig& p) {
+  std::vector<Mark> marks;
+  for (const auto& [column, row] : p.direction_circles)
+    marks.push_back(pattern_mark(p, column, row, p.direction_radius_mm));
+  if (p.kind == PatternKind::kCircles) return marks;
+  const bool shifted = p.kind == PatternKind::kAsymmetricCircles;
+  const int step = shifted ? 2 : 1;
+  for (int row = 0; row < p.rows; ++row) {
+    // A shifted row may reach further than the outermost one.
+    const bool outer = row < step || row >= p.rows - step;
+    const int first = shifted ? row % 2 : 0;
+    if (!outer) continue;
+    for (const int column : {first, first + step * (p.columns - 1)})
+      marks.push_back(pattern_mark(p, column - p.origin_column, row - p.origin_row, p.radius_mm));
+  }
+  return marks;
+}
+
+std::vector<Mark> marks_of(const TargetConfig& target) {
+  std::vector<Mark> marks;
+  for (const Vector3d& led : target.points_mm)
+    marks.push_back({target.offset_mm + led, target.led_radius_mm});
+  return marks;
+}
+
+std::string mark_name(const RigFile& rig, Payload payload, std::size_t i) {
+  if (payload == Payload::kLedTarget) return fmt::format("LED {}", i);
+  if (rig.pattern.kind != PatternKind::kCircles) return fmt::format("outer pattern point {}", i);
+  const auto& [column, row] = rig.pattern.direction_circles[i];
+  return fmt::format("direction circle ({}, {})", column, row);
+}
+
+/// What is wrong with where a point would be seen; empty = nothing.
+std::string outside_image(const RigFile& rig, Payload payload, std::size_t i, const ImagePoint& p) {
+  if (!p.visible())
+    return fmt::format("{} would stand {:.0f} mm from the camera's height",
+                       mark_name(rig, payload, i), p.depth_mm);
+  const double width = rig.camera.image_size.width, height = rig.camera.image_size.height;
+  const double u = std::min(p.u_px, width - 1 - p.u_px) - kFieldMargin * width;
+  const double v = std::min(p.v_px, height - 1 - p.v_px) - kFieldMargin * height;
+  if (std::min(u, v) >= p.radius_px) return {};
+  return fmt::format(
+      "{} would be seen at ({:.0f}, {:.0f}) px, allowed: {:.0f} px inside an image of {} x {} px",
+      mark_name(rig, payload, i), p.u_px, p.v_px,
+      p.radius_px + kFieldMargin * (u < v ? width : height), width, height);
+}
+
 /// Smallest distance of any predicted point's edge from the image's edge, px.
 double check_field(const Plan& plan, const RigFile& rig, Violations& violations) {
-  struct Mark {
-    Vector3d at;  ///< from the gimbal centre at zero angles
-    double radius_mm;
-    std::string name;
-  };
-  std::vector<Mark> leds, circles;
-  for (std::size_t i = 0; i < rig.target.points_mm.size(); ++i)
-    leds.push_back({rig.target.offset_mm + rig.target.points_mm[i], rig.target.led_radius_mm,
-                    fmt::format("LED {}", i)});
-  for (const auto& [column, row] : rig.pattern.direction_circles)
-    circles.push_back({rig.pattern.offset_mm + rig.pattern.spacing_mm * Vector3d(column, row, 0),
-                       rig.pattern.direction_radius_mm,
-                       fmt::format("direction circle ({}, {})", column, row)});
-
-  const Gimbal gimbal(rig.gimbal);
   const double width = rig.camera.image_size.width, height = rig.camera.image_size.height;
-  const double focal = rig.camera.nominal_focal_px;
   double margin = std::numeric_limits<double>::infinity();
   for (const PlannedPose& pose : plan.poses) {
-    const Matrix3d R = gimbal.rotation(pose.angles());
-    const Vector3d centre = gimbal.centre_mm(pose.stage_mm);
-    for (const Mark& mark : pose.payload == Payload::kLedTarget ? leds : circles) {
-      // Nominal pinhole straight above, looking down -z; v runs down the image, y up.
-      const Vector3d p = centre + R * mark.at;
-      const double depth = rig.camera.nominal_height_mm - p.z();
-      std::string what;
-      if (depth <= mark.radius_mm) {
-        what = fmt::format("{} would stand {:.0f} mm from the camera's height", mark.name, depth);
-      } else {
-        const double u = 0.5 * (width - 1) + focal * p.x() / depth;
-        const double v = 0.5 * (height - 1) - focal * p.y() / depth;
-        const double radius = focal * mark.radius_mm / depth;
-        const double room = std::min({u, width - 1 - u, v, height - 1 - v}) - radius;
-        margin = std::min(margin, room);
-        const double room_u = std::min(u, width - 1 - u) - radius - kFieldMargin * width;
-        const double room_v = std::min(v, height - 1 - v) - radius - kFieldMargin * height;
-        if (std::min(room_u, room_v) >= 0.0) continue;
-        what = fmt::format(
-            "{} would be seen at ({:.0f}, {:.0f}) px, allowed: {:.0f} px inside an image of {} x "
-            "{} px",
-            mark.name, u, v, radius + kFieldMargin * (room_u < room_v ? width : height), width,
-            height);
-      }
+    const std::vector<ImagePoint> points = predicted_points(pose, rig);
+    std::string what;
+    for (std::size_t i = 0; i < points.size() && what.empty(); ++i) {
+      const ImagePoint& p = points[i];
+      what = outside_image(rig, pose.payload, i, p);
+      margin = std::min({margin, p.u_px - p.radius_px, width - 1 - p.u_px - p.radius_px,
+                         p.v_px - p.radius_px, height - 1 - p.v_px - p.radius_px});
+    }
+    if (!what.empty())
       violations.add(plan.scenario_of(pose).file, pointer_of(plan, pose),
                      fmt::format("{}: {}. Use smaller angles or another stage position.",
                                  named(plan, pose), what));
-      break;
-    }
   }
   return margin;
 }
@@ -387,6 +413,26 @@ Plan plan_campaign(const Campaign& campaign, const RigFile& rig) {
   }
   number_poses(plan);
   return plan;
+}
+
+std::vector<ImagePoint> predicted_points(const PlannedPose& pose, const RigFile& rig) {
+  const Gimbal gimbal(rig.gimbal);
+  const Matrix3d R = gimbal.rotation(pose.angles());
+  const Vector3d centre = gimbal.centre_mm(pose.stage_mm);
+  const double focal = rig.camera.nominal_focal_px;
+  std::vector<ImagePoint> points;
+  for (const Mark& mark :
+       pose.payload == Payload::kLedTarget ? marks_of(rig.target) : marks_of(rig.pattern)) {
+    // Nominal pinhole straight above, looking down -z; v runs down the image, y up.
+    const Vector3d p = centre + R * mark.at;
+    ImagePoint& point = points.emplace_back();
+    point.depth_mm = rig.camera.nominal_height_mm - p.z();
+    if (point.depth_mm <= mark.radius_mm) continue;
+    point.u_px = 0.5 * (rig.camera.image_size.width - 1) + focal * p.x() / point.depth_mm;
+    point.v_px = 0.5 * (rig.camera.image_size.height - 1) - focal * p.y() / point.depth_mm;
+    point.radius_px = focal * mark.radius_mm / point.depth_mm;
+  }
+  return points;
 }
 
 std::string pointer_of(const Plan& plan, const PlannedPose& pose, AxisId axis) {

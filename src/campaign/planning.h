@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -19,6 +20,19 @@ namespace turntable {
 /// pose.
 /// @throws ConfigError for more than kMaxPoses.
 Plan plan_campaign(const Campaign& campaign, const RigFile& rig);
+
+/// Where a disc should be seen, by the nominal camera: pixel centres at whole numbers, u to the
+/// right, v down, origin top left.
+struct ImagePoint {
+  double depth_mm = 0.0;                                                ///< below the camera
+  double u_px = std::numeric_limits<double>::quiet_NaN(), v_px = u_px;  ///< NaN if not visible
+  double radius_px = u_px;
+  bool visible() const { return radius_px >= 0.0; }  ///< false: at the camera's height or above it
+};
+/// What a pose should show: of the LED target every LED, in the rig file's order; of the pattern the
+/// direction circles in that order, or, if it has none, the ends of its outer rows. No point is left
+/// out, also not one outside the image; lens distortion is not known to the nominal camera.
+std::vector<ImagePoint> predicted_points(const PlannedPose& pose, const RigFile& rig);
 
 struct CheckOptions {
   ArchiveMode archive = ArchiveMode::kRegions;

@@ -274,6 +274,49 @@ TEST(CheckPlan, PredictsImagePointsFromTheNominalCamera) {
   EXPECT_NEAR(check_plan(plan, rig_file).field_margin_px, 1023 - 511.5 - 1945.0 * 60 / 580, 1e-9);
 }
 
+TEST(PredictedPoints, LieWhereTheNominalCameraSeesEachLed) {
+  RigFile rig_file = rig();
+  rig_file.target.points_mm = {Vector3d(60, 0, 0), Vector3d(0, 40, 0)};
+  rig_file.target.led_radius_mm = 2;
+  PlannedPose pose;
+  pose.stage_mm = 120;
+  auto points = predicted_points(pose, rig_file);
+  ASSERT_EQ(points.size(), 2u);
+  EXPECT_NEAR(points[0].u_px, 511.5 + 1945.0 * 60 / 580, 1e-9);
+  EXPECT_NEAR(points[0].v_px, 511.5, 1e-9);
+  EXPECT_NEAR(points[1].v_px, 511.5 - 1945.0 * 40 / 580, 1e-9);
+  EXPECT_NEAR(points[1].radius_px, 1945.0 * 2 / 580, 1e-9);
+  pose.yaw_deg = 90;  // counter-clockwise seen from the camera
+  points = predicted_points(pose, rig_file);
+  EXPECT_NEAR(points[0].v_px, 511.5 - 1945.0 * 60 / 580, 1e-9);
+  pose.stage_mm = 700;  // at the camera's height
+  EXPECT_FALSE(predicted_points(pose, rig_file)[0].visible());
+}
+
+TEST(PredictedPoints, AreTheOutlineOfAPatternThatIsFoundWholeOnly) {
+  RigFile rig_file = rig();
+  PatternConfig& p = rig_file.pattern;
+  PlannedPose pose;
+  pose.payload = Payload::kCirclePattern;
+  ASSERT_EQ(predicted_points(pose, rig_file).size(), p.direction_circles.size());
+  p.direction_circles.clear();
+  // 3 x 4 circles of spacing 10: lattice columns 0, 2, 4 and, in odd rows, 1, 3, 5.
+  p.kind = PatternKind::kAsymmetricCircles;
+  p.columns = 3;
+  p.rows = 4;
+  p.origin_column = p.origin_row = 0;
+  p.spacing_mm = 10;
+  double left = 1e9, right = -1e9, top = 1e9;
+  for (const ImagePoint& point : predicted_points(pose, rig_file)) {
+    left = std::min(left, point.u_px);
+    right = std::max(right, point.u_px);
+    top = std::min(top, point.v_px);
+  }
+  EXPECT_NEAR(left, 511.5, 1e-9);
+  EXPECT_NEAR(right, 511.5 + 1945.0 * 50 / 700, 1e-9);
+  EXPECT_NEAR(top, 511.5 - 1945.0 * 30 / 700, 1e-9);
+}
+
 TEST(CheckPlan, ListsTenViolationsAndTheNumberOfAll) {
   RigFile rig_file = rig();
   rig_file.axes[AxisId::kPitch].lower = -1;
