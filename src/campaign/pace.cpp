@@ -16,6 +16,8 @@ constexpr double kPrior = 4.0;
 /// Of what was known before a run, at most so much weight is kept: rigs change.
 constexpr std::size_t kMemory = 2000;
 
+std::size_t place(AxisId axis) { return static_cast<std::size_t>(axis); }
+
 std::filesystem::path overheads_file(const std::string& rig_name) {
   std::filesystem::path folder;
   if (const char* state = std::getenv("XDG_STATE_HOME"); state != nullptr && *state != '\0')
@@ -36,32 +38,48 @@ Pace::Pace(const Plan& plan, const RigFile& rig, const std::vector<std::size_t>&
   for (const PlannedPose& pose : plan.poses) images_.push_back(pose.images);
   for (const std::size_t pose : todo) {
     kinematics_left_s_ += planned_[pose].motion_s + planned_[pose].settle_s;
-    legs_left_ += planned_[pose].legs;
+    legs_[place(planned_[pose].slowest)].left += planned_[pose].legs;
     images_left_ += images_[pose];
   }
 }
 
 void Pace::taken(std::size_t pose, double elapsed_s, double images_s) {
   const PhaseTimes& planned = planned_[pose];
+  Legs& legs = legs_[place(planned.slowest)];
   kinematics_left_s_ -= planned.motion_s + planned.settle_s;
-  legs_left_ -= planned.legs;
+  legs.left -= planned.legs;
+  legs.taken += planned.legs;
+  legs.over_s += elapsed_s - images_s - planned.motion_s - planned.settle_s;
   images_left_ -= images_[pose];
-  over_s_ += elapsed_s - images_s - planned.motion_s - planned.settle_s;
-  legs_ += planned.legs;
   images_s_ += images_s;
   images_taken_ += images_[pose];
   ++poses_;
 }
 
 Overheads Pace::learned() const {
-  return {(kPrior * known_.leg_s + over_s_) / (kPrior + legs_),
-          (kPrior * known_.image_s + images_s_) / (kPrior + images_taken_),
-          std::min(known_.poses + poses_, kMemory)};
+  Overheads now;
+  for (std::size_t i = 0; i < legs_.size(); ++i) {
+    const double prior = known_.leg_s[i] ? kPrior : 0.0;
+    const double seen = prior + legs_[i].taken;
+    if (seen > 0.0) now.leg_s[i] = (prior * known_.leg_s[i].value_or(0.0) + legs_[i].over_s) / seen;
+  }
+  now.image_s = (kPrior * known_.image_s + images_s_) / (kPrior + images_taken_);
+  now.poses = std::min(known_.poses + poses_, kMemory);
+  return now;
 }
 
 double Pace::left_s() const {
   const Overheads now = learned();
-  return std::max(0.0, kinematics_left_s_ + now.leg_s * legs_left_ + now.image_s * images_left_);
+  double sum = 0.0, known = 0.0;
+  for (const auto& leg : now.leg_s) {
+    sum += leg.value_or(0.0);
+    known += leg.has_value();
+  }
+  const double others = known > 0.0 ? sum / known : 0.0;
+  double left = kinematics_left_s_ + now.image_s * images_left_;
+  for (std::size_t i = 0; i < legs_.size(); ++i)
+    left += now.leg_s[i].value_or(others) * legs_[i].left;
+  return std::max(0.0, left);
 }
 
 std::optional<Overheads> known_overheads(const std::string& rig_name) {
@@ -69,10 +87,16 @@ std::optional<Overheads> known_overheads(const std::string& rig_name) {
     const std::filesystem::path file = overheads_file(rig_name);
     if (file.empty() || !std::filesystem::exists(file)) return std::nullopt;
     const auto json = nlohmann::json::parse(read_text(file));
-    const Overheads known{json.at("leg_s"), json.at("image_s"), json.at("poses")};
-    if (!std::isfinite(known.leg_s) || !(known.image_s >= 0.0) || known.image_s > 3600.0 ||
-        std::abs(known.leg_s) > 3600.0 || known.poses == 0)
-      return std::nullopt;
+    const auto sane = [](double s) { return std::isfinite(s) && std::abs(s) < 3600.0; };
+    Overheads known;
+    known.image_s = json.at("image_s");
+    known.poses = json.at("poses");
+    if (!sane(known.image_s) || known.image_s < 0.0 || known.poses == 0) return std::nullopt;
+    for (const AxisId id : kAllAxes)
+      if (const auto leg = json.at("leg_s").find(axis_name(id)); leg != json.at("leg_s").end()) {
+        known.leg_s[place(id)] = leg->get<double>();
+        if (!sane(*known.leg_s[place(id)])) return std::nullopt;
+      }
     return known;
   } catch (const std::exception&) {
     return std::nullopt;
@@ -84,8 +108,11 @@ void remember_overheads(const std::string& rig_name, const Overheads& overheads)
     const std::filesystem::path file = overheads_file(rig_name);
     if (file.empty() || overheads.poses == 0) return;
     std::filesystem::create_directories(file.parent_path());
+    auto legs = nlohmann::json::object();
+    for (const AxisId id : kAllAxes)
+      if (const auto& leg = overheads.leg_s[place(id)]) legs[std::string(axis_name(id))] = *leg;
     const nlohmann::json json{{"rig", rig_name},
-                              {"leg_s", overheads.leg_s},
+                              {"leg_s", legs},
                               {"image_s", overheads.image_s},
                               {"poses", overheads.poses}};
     write_atomically(file, json.dump(1) + "\n");

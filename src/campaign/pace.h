@@ -1,14 +1,17 @@
 // How long what is left will take: the plan's kinematics, and what this rig adds to them, learned
 // from earlier runs and from the poses taken so far.
-//   T = sum(motion + settling) + leg_s * legs + image_s * images
-// A leg is one command of a move: two where an axis overshoots. Each overhead is a mean that starts
-// from what is known, as if `kPrior` of them had been seen, so that the first odd pose does not turn
-// the estimate over.
+//   T = sum(motion + settling) + sum over axes(leg_s * legs) + image_s * images
+// A leg is one command of a move: two where an axis overshoots. A pose's legs are those of its
+// slowest axis, and so is what it took too long. Each overhead is a mean that starts from what is
+// known, as if `kPrior` of them had been seen; an axis that nobody has seen yet is taken for the mean
+// of the others.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <filesystem>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "src/campaign/planning.h"
@@ -16,7 +19,8 @@
 namespace turntable {
 
 struct Overheads {
-  double leg_s = 0.0;              ///< command, polling, the last read-back; waits for the archive
+  /// By order of kAllAxes: command, polling, the last read-back; nothing for an axis not seen yet. s
+  std::array<std::optional<double>, kAllAxes.size()> leg_s;
   double image_s = kFrameSeconds;  ///< trigger, exposure, transfer, inspection
   std::size_t poses = 0;           ///< that they were learned from; 0 = assumed
 };
@@ -38,9 +42,13 @@ class Pace {
   std::vector<PhaseTimes> planned_;
   std::vector<int> images_;
   Overheads known_;
-  double kinematics_left_s_ = 0.0;
-  double legs_left_ = 0.0, images_left_ = 0.0;
-  double over_s_ = 0.0, legs_ = 0.0, images_s_ = 0.0, images_taken_ = 0.0;
+  double kinematics_left_s_ = 0.0, images_left_ = 0.0;
+  double images_s_ = 0.0, images_taken_ = 0.0;
+  struct Legs {
+    double left = 0.0, taken = 0.0;
+    double over_s = 0.0;  ///< of those taken
+  };
+  std::array<Legs, kAllAxes.size()> legs_;
   std::size_t poses_ = 0;
 };
 

@@ -476,9 +476,12 @@ std::vector<PhaseTimes> pose_times(const Plan& plan, const RigFile& rig) {
       const AxisConfig& axis = rig.axis(kAllAxes[i]);
       const double to = target_of(kAllAxes[i]);
       if (to == at[i]) continue;
-      motion = std::max(motion, move_seconds(axis, at[i], to));
+      if (const double s = move_seconds(axis, at[i], to); s > motion) {
+        motion = s;
+        time.slowest = axis.id;
+        legs = takes_overshoot(axis, at[i], to) ? 2 : 1;
+      }
       settle = std::max(settle, axis.settle_s);
-      legs = std::max(legs, takes_overshoot(axis, at[i], to) ? 2 : 1);
       at[i] = to;
     }
     time.legs += legs;

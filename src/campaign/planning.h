@@ -54,7 +54,8 @@ constexpr double kFrameSeconds = 0.05;
 
 struct PhaseTimes {
   double motion_s = 0.0, settle_s = 0.0, trigger_s = 0.0;
-  int legs = 0;  ///< commands of the axis that takes most of them: two if it overshoots
+  AxisId slowest{};  ///< of the axes that move
+  int legs = 0;      ///< its commands: two if it overshoots
   double total_s() const { return motion_s + settle_s + trigger_s; }
 };
 
