@@ -12,7 +12,8 @@
 namespace turntable {
 namespace {
 
-constexpr double kPrior = 4.0;
+/// What an assumption weighs, in legs or images, and what earlier runs do.
+constexpr double kAssumed = 4.0, kLearned = 100.0;
 /// Of what was known before a run, at most so much weight is kept: rigs change.
 constexpr std::size_t kMemory = 2000;
 
@@ -58,12 +59,14 @@ void Pace::taken(std::size_t pose, double elapsed_s, double images_s) {
 
 Overheads Pace::learned() const {
   Overheads now;
+  const double weight =
+      known_.poses == 0 ? kAssumed : std::min(kLearned, static_cast<double>(known_.poses));
   for (std::size_t i = 0; i < legs_.size(); ++i) {
-    const double prior = known_.leg_s[i] ? kPrior : 0.0;
+    const double prior = known_.leg_s[i] ? weight : 0.0;
     const double seen = prior + legs_[i].taken;
     if (seen > 0.0) now.leg_s[i] = (prior * known_.leg_s[i].value_or(0.0) + legs_[i].over_s) / seen;
   }
-  now.image_s = (kPrior * known_.image_s + images_s_) / (kPrior + images_taken_);
+  now.image_s = (weight * known_.image_s + images_s_) / (weight + images_taken_);
   now.poses = std::min(known_.poses + poses_, kMemory);
   return now;
 }

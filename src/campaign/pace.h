@@ -3,7 +3,7 @@
 //   T = sum(motion + settling) + sum over axes(leg_s * legs) + image_s * images
 // A leg is one command of a move: two where an axis overshoots. A pose's legs are those of its
 // slowest axis, and so is what it took too long. Each overhead is a mean that starts from what is
-// known, as if `kPrior` of them had been seen; an axis that nobody has seen yet is taken for the mean
+// assumed, or from what earlier runs have taught; an axis that nobody has seen yet is taken for the mean
 // of the others.
 #pragma once
 

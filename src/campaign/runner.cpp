@@ -213,6 +213,7 @@ class Acquisition {
       report("settling");
       rig_.clock->sleep_for(from_seconds(pose.dwell_s));
       summary_.settle_s += pose.dwell_s;
+      throw_if_stopping_now();
     }
     job.taken.rig_time_s = seconds(rig_.clock->now());
     report("exposing");

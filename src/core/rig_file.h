@@ -242,7 +242,7 @@ struct TelemetryConfig {
 /// When is an image taken again in place?
 struct InspectionConfig {
   int retakes = 2;           ///< of one image, at most
-  double max_blur_px = 4.0;  ///< standard deviation of the blur
+  double max_blur_px = 3.0;  ///< standard deviation of the blur
   double max_residual_mm{};  ///< of an LED from where the nominal camera would see it, a common
                              ///< offset apart
 };
