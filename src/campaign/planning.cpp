@@ -175,6 +175,16 @@ void add_calibration(Plan& plan, const Scenario& scenario) {
   plan.poses.push_back(pose);
 }
 
+void add_scenario(Plan& plan, const Scenario& s, const RigFile& rig) {
+  if (s.kind == ScenarioKind::kCalibration)
+    add_calibration(plan, s);
+  else
+    add_attitude(plan, s, rig);
+  ScenarioInfo info{s.name, s.title, s.file, s.kind, s.table, s.polynomial_order, s.repeats, {}};
+  for (const AxisRange& range : s.ranges) info.axes.push_back(range.axis);
+  plan.scenarios.push_back(std::move(info));
+}
+
 std::string named(const Plan& plan, const PlannedPose& pose) {
   return fmt::format("pose {} (scenario {}, stage {} mm, yaw {}, roll {}, pitch {} deg)",
                      pose.index, plan.scenario_of(pose).name, pose.stage_mm, pose.yaw_deg,
@@ -230,16 +240,20 @@ void check_limits(const Plan& plan, const RigFile& rig, Violations& violations) 
                                axis_name(axis.id), target, axis.unit(), overshoot, bound->lower,
                                bound->upper, axis.unit(), bound->what, rig.file, bound->place)};
   };
+  std::set<AxisId> without_zero;
   for (const AxisId id : kAllAxes)
-    if (const auto refused = refusal(rig.axis(id), 0.0))
+    if (const auto refused = refusal(rig.axis(id), 0.0)) {
+      without_zero.insert(id);
       violations.add(
           rig.file, refused->place,
           refused->what + ". Axes return to zero for every change of the payload: widen it.");
+    }
   // A grid repeats the same target many times.
   std::set<std::tuple<std::size_t, AxisId, double>> told;
   for (const PlannedPose& pose : plan.poses)
     for (const AxisId id : kAllAxes) {
       const double target = pose.target(id);
+      if (target == 0.0 && without_zero.contains(id)) continue;
       const auto refused = refusal(rig.axis(id), target);
       if (refused && told.emplace(pose.scenario, id, target).second)
         violations.add(plan.scenario_of(pose).file, pointer_of(plan, pose, id),
@@ -295,8 +309,8 @@ std::string mark_name(const RigFile& rig, Payload payload, std::size_t i) {
 /// What is wrong with where a point would be seen; empty = nothing.
 std::string outside_image(const RigFile& rig, Payload payload, std::size_t i, const ImagePoint& p) {
   if (!p.visible())
-    return fmt::format("{} would stand {:.0f} mm from the camera's height",
-                       mark_name(rig, payload, i), p.depth_mm);
+    return fmt::format("{} would stand {:.4g} mm {} the camera", mark_name(rig, payload, i),
+                       std::abs(p.depth_mm), p.depth_mm < 0 ? "above" : "below");
   const double width = rig.camera.image_size.width, height = rig.camera.image_size.height;
   const double u = std::min(p.u_px, width - 1 - p.u_px) - kFieldMargin * width;
   const double v = std::min(p.v_px, height - 1 - p.v_px) - kFieldMargin * height;
@@ -429,13 +443,7 @@ Plan plan_campaign(const Campaign& campaign, const RigFile& rig) {
             poses, kMaxPoses));
   plan.poses.reserve(static_cast<std::size_t>(poses));
   for (const Scenario& s : campaign.scenarios) {
-    if (s.kind == ScenarioKind::kCalibration)
-      add_calibration(plan, s);
-    else
-      add_attitude(plan, s, rig);
-    ScenarioInfo info{s.name, s.title, s.file, s.kind, s.table, s.polynomial_order, s.repeats, {}};
-    for (const AxisRange& range : s.ranges) info.axes.push_back(range.axis);
-    plan.scenarios.push_back(std::move(info));
+    add_scenario(plan, s, rig);
     plan.sources.push_back(freeze(s.file, s.text));
   }
   number_poses(plan);
@@ -477,16 +485,15 @@ std::vector<OrderTime> order_times(const Campaign& campaign, const RigFile& rig)
   std::vector<OrderTime> times;
   for (std::size_t i = 0; i < campaign.scenarios.size(); ++i) {
     if (campaign.scenarios[i].kind != ScenarioKind::kAttitude) continue;
-    Campaign alone;
-    alone.scenarios = {campaign.scenarios[i]};
-    Scenario& s = alone.scenarios.front();
+    Scenario s = campaign.scenarios[i];
     const PoseOrder chosen = s.order;
     for (const PoseOrder order : kPoseOrders) {
       if (order == PoseOrder::kNearest && s.pose_count() > kMaxNearestPoses) continue;
       s.order = order;
       OrderTime time{i, order, order == chosen, 0.0};
-      for (const PhaseTimes& t : pose_times(plan_campaign(alone, rig), rig))
-        time.motion_s += t.motion_s;
+      Plan alone;  // without ids: nobody looks them up
+      add_scenario(alone, s, rig);
+      for (const PhaseTimes& t : pose_times(alone, rig)) time.motion_s += t.motion_s;
       times.push_back(time);
     }
   }

@@ -105,8 +105,8 @@ class Reader {
                fmt::format("axis {} already has a range at /ranges/{}. Give each axis one range.",
                            axis_name(axis), j));
       poses *= static_cast<double>(s.ranges.back().values_deg.size());
-      check_size("/ranges", poses);  // before the product can overflow anything
     }
+    check_size("/ranges", poses);  // before it can overflow what counts in whole numbers
   }
 
   AxisRange range(const Json& json, const std::string& at) const {

@@ -42,9 +42,9 @@ bool run_gnuplot(const std::filesystem::path& script) {
 
 std::string script_of(const Draft& draft) {
   std::string commands = draft.commands;
-  const std::string data = draft.figure.name + ".csv";
-  for (std::size_t at; (at = commands.find("DATA")) != std::string::npos;)
-    commands.replace(at, 4, data);
+  const std::string data = "'" + draft.figure.name + ".csv'";
+  for (std::size_t at = 0; (at = commands.find("'DATA'", at)) != std::string::npos;)
+    commands.replace(at, 6, data);
   return fmt::format(
       "set terminal svg standalone size {} dynamic noenhanced background rgb 'white' font "
       "'sans,13'\n"

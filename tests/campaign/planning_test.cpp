@@ -460,7 +460,15 @@ TEST(Cable, ThatIsLooserThanTheSoftLimitsLeavesThemTheWord) {
 TEST(Cable, HasToLeaveRoomForTheApproachOfZero) {
   const auto [where, what] = refusal(plan_campaign(single(kTwoAxes), rig()), with_cable(-0.2, 60));
   EXPECT_THAT(where, AllOf(HasSubstr("simulated.json"), HasSubstr("/axes/yaw/cable_deg")));
-  EXPECT_THAT(what, HasSubstr("approached from -0.5 deg"));
+  EXPECT_THAT(what, AllOf(HasSubstr("approached from -0.5 deg"), HasSubstr("1 violation:")));
+}
+
+TEST(CheckPlan, SaysOfAnAbsurdStagePositionWhatItWouldMean) {
+  Campaign campaign = single(kTwoAxes);
+  campaign.scenarios[0].stage_mm = 1e300;
+  const auto [where, what] = refusal(plan_campaign(campaign, rig()), rig());
+  EXPECT_EQ(where, "s.json /stage_mm");
+  EXPECT_THAT(what, HasSubstr("LED 0 would stand 1e+300 mm above the camera"));
 }
 
 TEST(Cable, CountsInTheMarginAndIsShown) {
