@@ -110,6 +110,7 @@ class MotionAxis final : public Axis<Q> {
     std::optional<Q> via;  ///< where the overshoot ends, while that is still to be reached
     Q leg_start{}, leg_goal{};
     Time leg_began{0}, deadline{0};  ///< while waiting: since when, and for how long
+    Time due{0};                     ///< when the leg should have ended
     Acknowledgement acknowledged{};
     Q last_position{};
     Time last_change{0};
@@ -131,6 +132,7 @@ class MotionAxis final : public Axis<Q> {
   void begin_approach(Q from);
   void begin_leg(Q from, Q to);
   void send_leg();
+  void schedule_poll();
   void wait_for_turn();
   bool carry_on(const AxisStatus<Q>& status);
   bool leg_ended(const AxisStatus<Q>& status, Time now);

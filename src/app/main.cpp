@@ -181,7 +181,12 @@ int main(int argc, char** argv) {
           "  turntable run scenarios/campaigns/quick.json --rig scenarios/rigs/simulated.json\n"
           "  turntable run scenarios/uniaxial_z.json --rig scenarios/rigs/ideal.json --solver "
           "aopit,aopit_ray\n\n") +
-      "Ctrl-C finishes the pose and ends; a second one stops the axes at once.\n" + kExitCodes);
+      "Ctrl-C finishes the pose and pauses; Enter, or \"turntable resume RUN\", goes on. A second "
+      "one "
+      "stops the axes and ends\nthe run, which \"turntable resume RUN\" takes up again; a third "
+      "one "
+      "kills. SIGTERM is the second at once.\n" +
+      kExitCodes);
   run_verb->callback([&] { code = guarded([&] { return run_command(run); }); });
 
   ResumeArguments resume;

@@ -18,8 +18,6 @@
 namespace turntable {
 namespace {
 
-/// Exposure and transfer of one frame; what a triggered 1 Mpx camera takes.
-constexpr double kFrameSeconds = 0.05;
 /// Part of the image's width and height that has to stay free on each side.
 constexpr double kFieldMargin = 0.03;
 constexpr std::size_t kListedViolations = 10;
@@ -507,14 +505,20 @@ std::vector<PhaseTimes> pose_times(const Plan& plan, const RigFile& rig) {
   Payload payload = plan.poses.empty() ? Payload::kLedTarget : plan.poses.front().payload;
   const auto go = [&](PhaseTimes& time, const auto& target_of) {
     double motion = 0.0, settle = 0.0;
+    int legs = 0;
     for (std::size_t i = 0; i < kAllAxes.size(); ++i) {
       const AxisConfig& axis = rig.axis(kAllAxes[i]);
       const double to = target_of(kAllAxes[i]);
       if (to == at[i]) continue;
-      motion = std::max(motion, move_seconds(axis, at[i], to));
+      if (const double s = move_seconds(axis, at[i], to); s > motion) {
+        motion = s;
+        time.slowest = axis.id;
+        legs = takes_overshoot(axis, at[i], to) ? 2 : 1;
+      }
       settle = std::max(settle, axis.settle_s);
       at[i] = to;
     }
+    time.legs += legs;
     time.motion_s += motion;
     time.settle_s += settle;
   };

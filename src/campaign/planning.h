@@ -50,8 +50,14 @@ struct AxisSweep {
   double margin() const;     ///< to the nearest soft limit or end of the cable
 };
 
+/// Exposure and transfer of one frame, before a rig has shown its own: what a triggered 1 Mpx camera
+/// takes. s
+constexpr double kFrameSeconds = 0.05;
+
 struct PhaseTimes {
   double motion_s = 0.0, settle_s = 0.0, trigger_s = 0.0;
+  AxisId slowest{};  ///< of the axes that move
+  int legs = 0;      ///< its commands: two if it overshoots
   double total_s() const { return motion_s + settle_s + trigger_s; }
 };
 

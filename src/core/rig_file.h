@@ -223,6 +223,49 @@ struct SimulationConfig {
   ImageTruth image;
 };
 
+/// A reading beside the motion: a temperature, a pressure, a supply. Values in `unit`.
+struct ChannelConfig {
+  std::string name;
+  std::string unit;
+  /// kFile: the first number of a text file (sysfs, or another program's). kAsk: a query in text and
+  /// the first number of its answer. kRegister: a Modbus input or holding register. kSimulated: a
+  /// sine of the rig's time.
+  enum class Source { kFile, kAsk, kRegister, kSimulated } source = Source::kFile;
+  std::filesystem::path path;    ///< kFile
+  LineConfig line;               ///< kAsk, kRegister
+  double reply_timeout_s = 0.5;  ///< kAsk, kRegister
+  std::string ask;               ///< kAsk, without its CR
+  int register_at = 0;           ///< kRegister: address on the wire
+  int slave = 1;
+  bool holding = false;                                ///< kRegister: function 3 instead of 4
+  bool is_signed = false;                              ///< kRegister
+  double mean = 0.0, amplitude = 0.0, period_s = 1.0;  ///< kSimulated
+  double scale = 1.0, offset = 0.0;                    ///< value = scale * reading + offset
+
+  /// Poses wait while the channel is outside: from when it leaves [lower, upper] until it has been
+  /// inside [resume_lower, resume_upper] for `for_s`.
+  struct Hold {
+    double lower = 0.0, upper = 0.0;
+    double resume_lower = 0.0, resume_upper = 0.0;
+    double for_s = 0.0;
+    double give_up_s = 0.0;  ///< the run ends after so long; 0 = never
+  };
+  std::optional<Hold> hold;
+};
+
+struct TelemetryConfig {
+  double every_s = 10.0;
+  std::vector<ChannelConfig> channels;
+};
+
+/// When is an image taken again in place?
+struct InspectionConfig {
+  int retakes = 2;           ///< of one image, at most
+  double max_blur_px = 4.0;  ///< standard deviation of the blur
+  double max_residual_mm{};  ///< of an LED from where the nominal camera would see it, a common
+                             ///< offset apart
+};
+
 struct CalibrationSource {
   std::filesystem::path file;   ///< a finished calibration
   std::filesystem::path sweep;  ///< or the scenario that makes one
@@ -239,6 +282,8 @@ struct RigFile {
   PatternConfig pattern;
   TargetConfig target;
   CalibrationSource calibration;
+  TelemetryConfig telemetry;
+  InspectionConfig inspection;
   std::optional<SimulationConfig> simulation;
   std::string source;  ///< the text it was read from, for provenance
 
