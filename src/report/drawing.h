@@ -14,10 +14,6 @@ namespace turntable {
 inline constexpr std::array<const char*, 6> kColours{"#0072B2", "#D55E00", "#009E73",
                                                      "#CC79A7", "#E69F00", "#56B4E9"};
 
-/// Viridis: a palette that grows in lightness too.
-inline constexpr const char* kViridis =
-    "set palette defined (0 '#440154', 0.33 '#31688e', 0.66 '#35b779', 1 '#fde725')\n";
-
 struct Figure {
   std::string name;  ///< file stem in figures/
   std::string caption;

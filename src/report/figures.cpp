@@ -87,8 +87,8 @@ void error_figure(const std::filesystem::path& folder, const RunRecord& record,
         "set multiplot layout 1,2\nset key off\nset xlabel 'pitch / deg'\nset ylabel 'roll / "
         "deg'\nset zlabel 'yaw / "
         "deg' rotate\nset cblabel 'error / deg'\nset xyplane 0.05\nset view 65,35\nset ticslevel "
-        "0\n" +
-        std::string(kViridis);
+        "0\nset palette "
+        "defined (0 '#440154', 0.33 '#31688e', 0.66 '#35b779', 1 '#fde725')\n";
     for (const Solver* solver : {evaluation.solvers.front(), evaluation.solvers.back()})
       draft.commands += fmt::format(
           "set title '{}'\nsplot 'DATA' every ::1 using (strcol(1) eq '{}' ? $5 : 1/0):4:3:9 with "

@@ -10,6 +10,8 @@
 namespace turntable {
 namespace {
 
+/// Viridis without its light end, which white paper swallows.
+constexpr const char* kPath = "set palette defined (0 '#440154', 0.5 '#31688e', 1 '#35b779')\n";
 constexpr double kRowPx = 330.0, kTitlePx = 50.0;
 
 int column_of(AxisId axis) {
@@ -43,7 +45,7 @@ std::string angles(const std::vector<AxisId>& axes, const std::string& every, co
                                                               : std::tuple{"pitch (x)", 4, 2};
     plots += fmt::format("{}'DATA' {} using 1:{} with steps lw {} dt {} lc rgb '{}' title '{}'",
                          plots.empty() ? "" : ", ", every, column_of(axis),
-                         plots.empty() && axes.size() > 1 ? 0.8 : 1.8, dash,
+                         plots.empty() && axes.size() > 1 ? 1.2 : 1.8, dash,
                          kColours[static_cast<std::size_t>(colour)], name);
   }
   return placed(panel) +
@@ -64,9 +66,8 @@ std::string path(const std::vector<AxisId>& axes, const std::string& every, cons
   const auto label = [](char which, AxisId axis) {
     return fmt::format("set {}label '{} / deg'\n", which, axis_name(axis));
   };
-  const char* look = "with linespoints pt 7 ps 0.3 lw 0.8 lc palette";
-  const std::string head =
-      placed(panel) + "unset title\nset key off\nset cblabel 'pose'\n" + kViridis;
+  const char* look = "with linespoints pt 7 ps 0.4 lw 1 lc palette";
+  const std::string head = placed(panel) + "unset title\nset key off\nset cblabel 'pose'\n" + kPath;
   if (axes.size() == 2)
     return head + label('x', axes[1]) + label('y', axes[0]) +
            fmt::format("plot 'DATA' {} using {}:{}:1 {}\n", every, column_of(axes[1]),
