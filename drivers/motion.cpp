@@ -53,20 +53,23 @@ template <class Q>
 void MotionAxis<Q>::check(Q target) const {
   constexpr double kRounding = 1e-9;
   const double b = config_.backlash;
-  const double lower = config_.lower + std::max(b, 0.0);
-  const double upper = config_.upper + std::min(b, 0.0);
+  const double lower = config_.reach_lower() + std::max(b, 0.0);
+  const double upper = config_.reach_upper() + std::min(b, 0.0);
   if (target.value >= lower - kRounding && target.value <= upper + kRounding)
     return;  // false for NaN
-  const std::string room =
-      b == 0.0 ? std::string()
-               : fmt::format(
-                     " (limits [{:g}, {:g}] less the overshoot of {:g} for the one-sided approach)",
-                     config_.lower, config_.upper, std::abs(b));
-  throw LimitError(
-      fmt::format("axis {}: asked for {}, allowed [{:g}, {:g}] {}{}. Nothing was sent. Ask for "
-                  "less, or widen the limits "
-                  "in the rig file if the stage allows it.",
-                  name_, shown(target), lower, upper, Q::unit(), room));
+  const bool cable = target.value < lower ? config_.cable_lower > config_.lower
+                                          : config_.cable_upper < config_.upper;
+  const std::string_view bound = cable ? "cable range" : "limits";
+  std::string room;
+  if (b != 0.0)
+    room = fmt::format(" ({} [{:g}, {:g}] less the overshoot of {:g} for the one-sided approach)",
+                       bound, config_.reach_lower(), config_.reach_upper(), std::abs(b));
+  else if (cable)
+    room = fmt::format(" ({})", bound);
+  throw LimitError(fmt::format(
+      "axis {}: asked for {}, allowed [{:g}, {:g}] {}{}. Nothing was sent. Ask for "
+      "less, or widen the {} in the rig file if the {} allows it.",
+      name_, shown(target), lower, upper, Q::unit(), room, bound, cable ? "cable" : "stage"));
 }
 
 template <class Q>
@@ -101,12 +104,12 @@ double MotionAxis<Q>::stall_seconds() const {
   return timing_.stall + 3 * timing_.poll + (slowest > 0 ? 2 * config_.per_step() / slowest : 0.0);
 }
 
-/// The grid must not lead outside a limit that the controller enforces too.
+/// The grid must not lead outside a limit, which the controller may enforce too.
 template <class Q>
 Q MotionAxis<Q>::goal_on_grid(Q target) const {
   Steps steps = scale_.to_steps(target);
-  if (scale_.from_steps(steps).value > config_.upper) --steps.count;
-  if (scale_.from_steps(steps).value < config_.lower) ++steps.count;
+  if (scale_.from_steps(steps).value > config_.reach_upper()) --steps.count;
+  if (scale_.from_steps(steps).value < config_.reach_lower()) ++steps.count;
   return scale_.from_steps(steps);
 }
 

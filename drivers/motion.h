@@ -3,8 +3,8 @@
 // leaves; homed and configured, or nothing moves; one-sided approach; each command sent once; a
 // deadline from distance, speed and ramps, and a stall watchdog; in-position window held for the
 // settle time; retries, then a flagged miss. Limit switches, emergency stop and alarms end a move
-// and lose the reference. Positions are never wrapped: the soft limits of a rotary axis are what
-// its cables allow.
+// and lose the reference. Positions are never wrapped: limits and cable range of a rotary axis
+// count from home.
 #pragma once
 
 #include <atomic>
@@ -70,7 +70,9 @@ class MotionAxis final : public Axis<Q> {
   MotionAxis(const AxisConfig& config, AxisPort<Q>& port, Clock& clock, MotionTiming timing = {});
 
   const std::string& name() const override { return name_; }
-  AxisLimits<Q> limits() const override { return {{config_.lower}, {config_.upper}}; }
+  AxisLimits<Q> limits() const override {
+    return {{config_.reach_lower()}, {config_.reach_upper()}};
+  }
   void check(Q target) const override;
   bool homed() const override { return homed_; }
   void home() override;

@@ -28,6 +28,7 @@
 #include "src/record/sha256.h"
 #include "src/record/verify.h"
 #include "src/report/report.h"
+#include "src/report/trajectory.h"
 #include "version.h"
 
 namespace turntable {
@@ -458,6 +459,10 @@ std::vector<std::string> changed_files(const Plan& plan) {
 }  // namespace
 
 int plan_command(const PlanArguments& a) {
+  if (!a.picture.empty() && a.picture.extension() != ".svg")
+    throw ConfigError(
+        "--picture", "",
+        fmt::format("found {}, allowed: a name that ends in .svg.", a.picture.string()));
   const RigFile rig = load_rig_file(a.rig);
   Campaign campaign = load_campaign(a.scenario);
   provide_calibration(campaign, rig, a.calibration);
@@ -474,8 +479,12 @@ int plan_command(const PlanArguments& a) {
   }
   if (!orders.empty()) fmt::print("\n");
   if (!a.csv.empty()) {
-    write_plan_csv(plan, a.csv);
+    write_plan_csv(plan, rig, a.csv);
     fmt::print("poses: {}\n", a.csv.string());
+  }
+  if (!a.picture.empty()) {
+    write_atomically(a.picture, plan_picture(plan, pose_times(plan, rig)));
+    fmt::print("picture: {}\n", a.picture.string());
   }
   return kDone;
 }

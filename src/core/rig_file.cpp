@@ -232,27 +232,43 @@ class Reader {
         fail(at + "/" + key,
              fmt::format("found [{}, {}] {}, allowed: lower < upper. Put the lower limit first.",
                          axis.lower, axis.upper, unit));
-      if (axis.lower < spec->travel_lower || axis.upper > spec->travel_upper)
+      const bool on_and_on = spec->endless && a.contains("cable_deg");
+      if (!on_and_on && (axis.lower < spec->travel_lower || axis.upper > spec->travel_upper))
         fail(at + "/" + key,
-             fmt::format("found [{}, {}] {}, allowed: inside the travel of {}, [{}, {}] {}.",
-                         axis.lower, axis.upper, unit, axis.stage_model, spec->travel_lower,
-                         spec->travel_upper, unit));
+             fmt::format(
+                 "found [{}, {}] {}, allowed: inside the travel of {}, [{}, {}] {}{}.", axis.lower,
+                 axis.upper, unit, axis.stage_model, spec->travel_lower, spec->travel_upper, unit,
+                 spec->endless ? "; more where \"cable_deg\" says how far the cable goes" : ""));
     }
+    read_cable(a, at, axis);
     if (axis.speed < axis.initial_speed)
       fail(
           at,
           fmt::format(
               "speed {} {}/s is below the initial speed {} {}/s. Raise the one or lower the other.",
               axis.speed, unit, axis.initial_speed, unit));
-    if (axis.upper - axis.lower <= 2 * std::abs(axis.backlash))
-      fail(at, fmt::format("limits [{}, {}] {} leave no room for the approach overshoot of {} {}.",
-                           axis.lower, axis.upper, unit, axis.backlash, unit));
+    if (axis.reach_upper() - axis.reach_lower() <= 2 * std::abs(axis.backlash))
+      fail(at, fmt::format("{} [{}, {}] {} leave no room for the approach overshoot of {} {}.",
+                           axis.has_cable() ? "limits and cable, together" : "limits",
+                           axis.reach_lower(), axis.reach_upper(), unit, axis.backlash, unit));
     if (axis.tolerance < 0.5 * axis.per_step())
       fail(at + "/tolerance_" + unit,
            fmt::format("found {} {}, allowed: at least half a pulse, {} {}; the controller cannot "
                        "come closer.",
                        axis.tolerance, unit, 0.5 * axis.per_step(), unit));
     return axis;
+  }
+
+  void read_cable(const Json& a, const std::string& at, AxisConfig& axis) const {
+    if (!a.contains("cable_deg")) return;
+    axis.cable_lower = a.at("cable_deg").at(0);
+    axis.cable_upper = a.at("cable_deg").at(1);
+    if (!(axis.cable_lower <= 0.0 && axis.cable_upper >= 0.0 &&
+          axis.cable_lower < axis.cable_upper))
+      fail(at + "/cable_deg",
+           fmt::format("found [{}, {}] deg, allowed: lower < upper with 0 between them. The angles "
+                       "count from home, where the cable has to be free.",
+                       axis.cable_lower, axis.cable_upper));
   }
 
   static std::string controller_names(const RigFile& rig) {
@@ -650,6 +666,16 @@ AxisId axis_from_name(std::string_view name) {
 }
 
 std::string_view axis_unit(AxisId axis) { return axis == AxisId::kStage ? "mm" : "deg"; }
+
+std::optional<AxisBound> AxisConfig::bound_against(double position) const {
+  if (!(position >= lower && position <= upper))
+    return AxisBound{"soft limits", fmt::format("/axes/{}/limits_{}", axis_name(id), unit()), lower,
+                     upper};
+  if (!(position >= cable_lower && position <= cable_upper))
+    return AxisBound{"cable range", fmt::format("/axes/{}/cable_{}", axis_name(id), unit()),
+                     cable_lower, cable_upper};
+  return {};
+}
 
 std::string_view payload_name(Payload payload) {
   return payload == Payload::kCirclePattern ? "circle_pattern" : "led_target";

@@ -3,9 +3,11 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <map>
 #include <optional>
 #include <string>
@@ -65,6 +67,13 @@ struct ControllerConfig {
   std::vector<OutputConfig> outputs;
 };
 
+/// What keeps an axis from going on. Units of the axis.
+struct AxisBound {
+  std::string_view what;  ///< "soft limits" or "cable range"
+  std::string place;      ///< JSON pointer in the rig file
+  double lower{}, upper{};
+};
+
 /// Units of the axis: mm or deg, per second.
 struct AxisConfig {
   AxisId id{};
@@ -74,6 +83,10 @@ struct AxisConfig {
   StageKind kind{};
   double steps_per_rev{}, drive_ratio{}, lead_mm{};
   double lower{}, upper{};  ///< soft limits; the overshoot has to stay inside too
+  /// Where the cable stays free, and the overshoot too: mechanics may allow more. Infinite = not
+  /// stated.
+  double cable_lower = -std::numeric_limits<double>::infinity();
+  double cable_upper = std::numeric_limits<double>::infinity();
   double initial_speed{}, speed{}, acceleration{}, home_speed{};
   double repeatability{};
   double backlash{};   ///< overshoot of the one-sided approach; sign = final direction; 0 = none
@@ -82,6 +95,12 @@ struct AxisConfig {
   int retries{};
 
   std::string_view unit() const { return axis_unit(id); }
+  /// What soft limits and cable both allow.
+  double reach_lower() const { return std::max(lower, cable_lower); }
+  double reach_upper() const { return std::min(upper, cable_upper); }
+  bool has_cable() const { return cable_lower > -std::numeric_limits<double>::infinity(); }
+  /// The soft limits or, if they allow `position`, the cable; nothing if both do. NaN is refused.
+  std::optional<AxisBound> bound_against(double position) const;
   double per_step() const {
     return kind == StageKind::kRotary ? 360.0 / (drive_ratio * steps_per_rev)
                                       : lead_mm / steps_per_rev;
