@@ -53,6 +53,12 @@ std::filesystem::path RunFolder::default_root(const std::string& name) {
   return std::filesystem::path("results") / "runs" / (utc_now_compact() + "-" + name);
 }
 
+RunFolder RunFolder::with_outputs_in(std::filesystem::path outputs) const {
+  RunFolder folder = *this;
+  folder.outputs_ = std::move(outputs);
+  return folder;
+}
+
 AxisReadback& TakenPose::axis(AxisId id) {
   switch (id) {
     case AxisId::kStage:

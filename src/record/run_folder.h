@@ -25,20 +25,24 @@ class RunFolder {
   static RunFolder open(const std::filesystem::path& root);
   /// results/runs/<UTC>-<name>
   static std::filesystem::path default_root(const std::string& name);
+  /// The same run, with everything that follows from it in another folder: to make it again beside
+  /// what is stored.
+  RunFolder with_outputs_in(std::filesystem::path outputs) const;
 
   const std::filesystem::path& root() const { return root_; }
   std::filesystem::path plan() const { return root_ / "plan.json"; }
   std::filesystem::path journal() const { return root_ / "journal.jsonl"; }
   std::filesystem::path images() const { return root_ / "images"; }
-  std::filesystem::path calibration() const { return root_ / "calibration.json"; }
-  std::filesystem::path poses() const { return root_ / "poses.csv"; }
-  std::filesystem::path tables() const { return root_ / "tables"; }
-  std::filesystem::path figures() const { return root_ / "figures"; }
-  std::filesystem::path report() const { return root_ / "report.md"; }
+  std::filesystem::path calibration() const { return outputs_ / "calibration.json"; }
+  std::filesystem::path evaluation() const { return outputs_ / "evaluation.json"; }
+  std::filesystem::path poses() const { return outputs_ / "poses.csv"; }
+  std::filesystem::path tables() const { return outputs_ / "tables"; }
+  std::filesystem::path figures() const { return outputs_ / "figures"; }
+  std::filesystem::path report() const { return outputs_ / "report.md"; }
 
  private:
-  explicit RunFolder(std::filesystem::path root) : root_(std::move(root)) {}
-  std::filesystem::path root_;
+  explicit RunFolder(std::filesystem::path root) : root_(std::move(root)), outputs_(root_) {}
+  std::filesystem::path root_, outputs_;
 };
 
 /// How one axis stood when a pose was taken; unit of the axis.

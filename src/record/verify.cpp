@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <atomic>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -10,6 +11,7 @@
 #include "src/core/errors.h"
 #include "src/core/json_document.h"
 #include "src/core/parallel.h"
+#include "src/record/atomic_file.h"
 #include "src/record/journal.h"
 #include "src/record/sha256.h"
 
@@ -57,7 +59,65 @@ class Documents {
   std::map<std::string, int> streams_;  ///< events by descriptor
 };
 
+/// A piece of a line around its first difference from another, short enough for a message.
+std::string piece(std::string_view line, std::size_t at) {
+  constexpr std::size_t kBefore = 20, kLength = 60;
+  const std::size_t from = at > kBefore ? at - kBefore : 0;
+  return fmt::format("\"{}{}{}\"", from > 0 ? "..." : "", line.substr(from, kLength),
+                     line.size() > from + kLength ? "..." : "");
+}
+
+/// @return "line N is ..., made again it is ..."; empty if they are the same.
+std::string difference(std::string_view stored, std::string_view again) {
+  const auto [a, b] = std::ranges::mismatch(stored, again);
+  if (a == stored.end() && b == again.end()) return {};
+  const auto at = static_cast<std::size_t>(a - stored.begin());
+  const std::size_t before = at == 0 ? std::string_view::npos : stored.rfind('\n', at - 1);
+  const std::size_t begin = before == std::string_view::npos ? 0 : before + 1;
+  const auto line = [&](std::string_view text) {
+    if (begin >= text.size()) return std::string("not there");
+    return piece(text.substr(begin, text.find('\n', begin) - begin), at - begin);
+  };
+  return fmt::format("line {} is {}; made again, it is {}", 1 + std::count(stored.begin(), a, '\n'),
+                     line(stored), line(again));
+}
+
 }  // namespace
+
+void compare_outputs(const std::filesystem::path& stored, const std::filesystem::path& again,
+                     const std::string& advice, RunFindings& findings) {
+  namespace fs = std::filesystem;
+  const auto damage = [&](const std::string& what) {
+    findings.damage.push_back(fmt::format("{}: {}. {}", stored.string(), what, advice));
+  };
+  std::error_code error;
+  if (fs::is_directory(stored, error) || fs::is_directory(again, error)) {
+    std::set<fs::path> names;
+    for (const fs::path& folder : {stored, again})
+      for (const auto& file : fs::directory_iterator(folder, error))
+        names.insert(file.path().filename());
+    for (const fs::path& name : names) {
+      if (fs::exists(again / name, error))
+        compare_outputs(stored / name, again / name, advice, findings);
+      else if (is_temporary(name))
+        findings.remarks.push_back(fmt::format(
+            "{}: was being written when somebody killed the program", (stored / name).string()));
+      else
+        findings.damage.push_back(
+            fmt::format("{}: is nothing that this run makes. Put it somewhere else.",
+                        (stored / name).string()));
+    }
+    return;
+  }
+  ++findings.outputs;
+  if (!fs::exists(stored, error)) return damage("is missing");
+  try {
+    const std::string what = difference(read_text(stored), read_text(again));
+    if (!what.empty()) damage(what);
+  } catch (const ConfigError& e) {
+    findings.damage.push_back(e.what());
+  }
+}
 
 void verify_images(const RunFolder& folder, const RunRecord& record, RunFindings& findings,
                    const VerifyProgress& progress) {

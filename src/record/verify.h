@@ -14,6 +14,7 @@ struct RunFindings {
   std::vector<std::string> remarks;     ///< what is unusual and harms nothing
   std::size_t lines = 0;                ///< of the journal
   std::size_t images = 0;               ///< that were checked
+  std::size_t outputs = 0;              ///< files that were made again and compared
   std::vector<std::size_t> lost_poses;  ///< places in the plan whose images are missing or altered
 
   bool sound() const { return damage.empty(); }
@@ -30,5 +31,12 @@ void verify_images(const RunFolder& folder, const RunRecord& record, RunFindings
 /// of the documents), plan and journal against each other, images. Damage that keeps the journal from
 /// being read is the last finding.
 RunFindings verify_run(const RunFolder& folder, const VerifyProgress& progress = {});
+
+/// Files that follow from a run, made again elsewhere, against those that are stored: byte for byte,
+/// by the names below `stored` and `again` (files, or folders of files). What differs, is missing or
+/// is there beside is damage that names the file and, of a text, the first line that differs.
+/// @param advice what to do about it; ends the message.
+void compare_outputs(const std::filesystem::path& stored, const std::filesystem::path& again,
+                     const std::string& advice, RunFindings& findings);
 
 }  // namespace turntable
