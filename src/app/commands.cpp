@@ -127,7 +127,7 @@ struct Taking {
 };
 
 /// A run goes on with the devices that it began with. @return what differs.
-std::vector<std::string> other_devices(const Rig& rig, const RunRecord& before) {
+std::vector<std::string> other_devices(const Rig& rig, const RunState& before) {
   std::vector<std::string> differences;
   if (before.start_document.empty()) return differences;
   const auto start = nlohmann::json::parse(before.start_document);
@@ -157,7 +157,7 @@ void refuse_changes(const fs::path& run, const std::vector<std::string>& differe
 /// @param folder is there as soon as it has been made.
 AcquireSummary take_poses(const Taking& taking, std::optional<RunFolder>& folder) {
   const TakeArguments& a = taking.arguments;
-  const RunRecord* before = taking.options.before;
+  const RunState* before = taking.options.before;
   // The devices are asked before anything is written or moves.
   std::fflush(stdout);
   const RigLock lock(taking.rig, taking.command, taking.root);
@@ -309,11 +309,13 @@ int resume_command(const ResumeArguments& a) {
   }
   EvaluateOptions options = solvers_named(a.solvers);
   // A run that was killed before its journal was made has a plan and nothing else.
-  RunRecord before;
-  if (fs::exists(folder.journal()))
-    before = read_run(folder);
-  else
+  RunState before;
+  if (fs::exists(folder.journal())) {
+    before = read_run_state(folder);
+  } else {
     before.plan = load_plan(folder.plan());
+    before.line_of_pose.assign(before.plan.poses.size(), 0);
+  }
   const Plan& plan = before.plan;
   const RigFile rig_file = parse_rig_file(plan.rig.text, plan.rig.file, folder.root());
   if (a.solvers.empty() && fs::exists(folder.journal()))
@@ -342,11 +344,9 @@ int resume_command(const ResumeArguments& a) {
                   [&](std::size_t done, std::size_t total) { line.update(done, total, "poses"); });
   }
   for (const std::string& what : findings.damage) spdlog::warn("{}", what);
-  std::erase_if(before.poses, [&](const TakenPose& pose) {
-    return std::ranges::binary_search(findings.lost_poses, pose.planned.index);
-  });
+  for (const std::size_t index : findings.lost_poses) before.line_of_pose[index] = 0;
   fmt::print(
-      "{}: {} of {} poses are there{}.\n", plan.title, before.poses.size(), plan.poses.size(),
+      "{}: {} of {} poses are there{}.\n", plan.title, before.poses_taken(), plan.poses.size(),
       findings.lost_poses.empty() ? ""
                                   : fmt::format("; {} whose images are lost will be taken again",
                                                 findings.lost_poses.size()));
@@ -358,7 +358,7 @@ int resume_command(const ResumeArguments& a) {
   taking.accepts_changes = a.accept_changes;
   taking.accepted = std::move(changes);
   if (!before.start_document.empty()) {
-    if (start.value("plan_sha256", "") != sha256_hex(plan_text(plan)))
+    if (start.value("plan_sha256", "") != plan_sha256(plan))
       throw ConfigError(folder.plan().string(), "",
                         "is not the plan that the run was started with. Restore it from a copy.");
     taking.options.archive = archive_mode_from_name(start.value("archive", "regions"));

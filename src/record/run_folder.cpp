@@ -2,7 +2,9 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
+#include <numeric>
 #include <unordered_map>
 
 #include "src/core/clock.h"
@@ -81,14 +83,21 @@ GimbalAngles TakenPose::angles() const {
   return {rad_from_deg(yaw.position), rad_from_deg(roll.position), rad_from_deg(pitch.position)};
 }
 
-RunRecord read_run(const RunFolder& folder) {
-  RunRecord record;
+std::size_t RunState::poses_taken() const {
+  return line_of_pose.size() -
+         static_cast<std::size_t>(std::ranges::count(line_of_pose, std::uint64_t{0}));
+}
+
+RunState read_run_state(const RunFolder& folder, const VisitPose& visit) {
+  RunState record;
   record.plan = load_plan(folder.plan());
-  std::unordered_map<std::string_view, std::size_t> index_of;
-  for (const PlannedPose& pose : record.plan.poses) index_of.emplace(pose.id, pose.index);
+  record.line_of_pose.assign(record.plan.poses.size(), 0);
+  std::vector<std::size_t> by_id(record.plan.poses.size());
+  std::iota(by_id.begin(), by_id.end(), std::size_t{0});
+  const auto id_of = [&](std::size_t i) -> const std::string& { return record.plan.poses[i].id; };
+  std::ranges::sort(by_id, {}, id_of);
 
   const std::string name = folder.journal().string();
-  std::vector<std::optional<TakenPose>> taken(record.plan.poses.size());
   std::unordered_map<std::string, std::string> stream_of;  // by descriptor
   const auto readout = read_journal(folder.journal(), [&](const JournalEntry& entry) {
     try {
@@ -112,19 +121,18 @@ RunRecord read_run(const RunFolder& folder) {
         ++session.events[stream];
         if (!entry.doc.at("data").contains("pose_id")) return;
         const auto id = entry.doc.at("data").at("pose_id").get<std::string>();
-        const auto found = index_of.find(id);
-        if (found == index_of.end())
+        const auto found = std::ranges::lower_bound(by_id, id, {}, id_of);
+        if (found == by_id.end() || id_of(*found) != id)
           throw ConfigError(
               name, "",
               fmt::format("line {} records pose {}, which the plan does not know. Plan and journal "
                           "are of different runs; restore the folder from a copy.",
                           entry.seq, id));
         TakenPose pose = pose_from_data(entry.doc.at("data"));
-        pose.planned = record.plan.poses[found->second];
-        if (stream == kOverlapStream)
-          record.overlaps.push_back(std::move(pose));
-        else
-          taken[found->second] = std::move(pose);
+        pose.planned = record.plan.poses[*found];
+        const bool overlap = stream == kOverlapStream;
+        if (!overlap) record.line_of_pose[*found] = entry.seq;
+        if (visit) visit(std::move(pose), overlap);
       } else if (entry.name == "stop") {
         session.exit_status = entry.doc.at("exit_status");
         session.reason = entry.doc.value("reason", "");
@@ -141,8 +149,23 @@ RunRecord read_run(const RunFolder& folder) {
     record.exit_status = record.sessions.back().exit_status;
     record.reason = record.sessions.back().reason;
   }
-  for (auto& pose : taken)
-    if (pose) record.poses.push_back(std::move(*pose));
+  return record;
+}
+
+RunRecord read_run(const RunFolder& folder) {
+  RunRecord record;
+  std::vector<TakenPose> taken;  // in the journal's order
+  static_cast<RunState&>(record) = read_run_state(folder, [&](TakenPose pose, bool overlap) {
+    (overlap ? record.overlaps : taken).push_back(std::move(pose));
+  });
+  const auto place = [](const TakenPose& pose) { return pose.planned.index; };
+  std::ranges::stable_sort(taken, {}, place);
+  for (TakenPose& pose : taken) {
+    if (!record.poses.empty() && place(record.poses.back()) == place(pose))
+      record.poses.back() = std::move(pose);
+    else
+      record.poses.push_back(std::move(pose));
+  }
   return record;
 }
 

@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
@@ -92,11 +93,13 @@ struct RunSession {
   std::string reason;
 };
 
-/// Plan and journal joined.
-struct RunRecord {
+/// Plan and journal joined, without what was measured: what it takes to go on with a run or to check
+/// it, however many poses it has.
+struct RunState {
   Plan plan;
-  std::vector<TakenPose>
-      poses;  ///< taken ones, in the plan's order; of a pose taken twice the later one
+  /// By place in the plan: the journal's line with the pose that counts, of a pose taken twice the
+  /// later one; 0 = not taken.
+  std::vector<std::uint64_t> line_of_pose;
   std::string
       start_document;       ///< JSON text of the first start document (provenance); empty if none
   std::string exit_status;  ///< of the last stop document: "success", "abort", "fail"; empty if
@@ -104,14 +107,25 @@ struct RunRecord {
   std::string reason;       ///< why it ended
   std::optional<std::string> torn;  ///< a last line that was cut off, if so
   std::vector<RunSession> sessions;
-  /// Poses that a resumed session took again beside those that count, to see what has changed.
-  std::vector<TakenPose> overlaps;
   JournalReadout journal;
 
-  bool complete() const { return poses.size() == plan.poses.size(); }
+  std::size_t poses_taken() const;
+  bool complete() const { return poses_taken() == plan.poses.size(); }
 };
 
-/// @throws ConfigError: damaged plan or journal, an event whose pose is not in the plan.
+/// With what was measured.
+struct RunRecord : RunState {
+  std::vector<TakenPose> poses;  ///< taken ones that count, in the plan's order
+  /// Poses that a resumed session took again beside those that count, to see what has changed.
+  std::vector<TakenPose> overlaps;
+};
+
+/// Called for every line with a pose, in the journal's order.
+using VisitPose = std::function<void(TakenPose pose, bool overlap)>;
+/// In memory that does not grow with the poses, apart from the plan. @throws ConfigError: damaged
+/// plan or journal, an event whose pose is not in the plan.
+RunState read_run_state(const RunFolder& folder, const VisitPose& visit = {});
+/// All of it. @throws ConfigError as above.
 RunRecord read_run(const RunFolder& folder);
 
 /// Reads an archived image and checks its hash. @throws ConfigError: altered, missing, or never

@@ -22,13 +22,13 @@ struct RunFindings {
 
 using VerifyProgress = std::function<void(std::size_t done, std::size_t total)>;
 
-/// Images of the poses that count, by SHA-256, on all cores. Files in images/ that no line of the
-/// journal names are remarked: a run that was killed leaves the last ones.
-void verify_images(const RunFolder& folder, const RunRecord& record, RunFindings& findings,
+/// Images of the poses that count, by SHA-256, on all cores.
+void verify_images(const RunFolder& folder, const RunState& state, RunFindings& findings,
                    const VerifyProgress& progress = {});
 
 /// All of it: plan and frozen copies, journal (sequence, CRC, documents after the event model, order
-/// of the documents), plan and journal against each other, images. Damage that keeps the journal from
+/// of the documents), plan and journal against each other, images. Files in images/ that no line of
+/// the journal names are remarked: a run that was killed leaves the last ones. Damage that keeps the journal from
 /// being read is the last finding.
 RunFindings verify_run(const RunFolder& folder, const VerifyProgress& progress = {});
 
