@@ -4,6 +4,7 @@
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
+#include <csignal>
 #include <exception>
 #include <iostream>
 
@@ -68,6 +69,9 @@ int guarded(const std::function<int()>& verb) {
 
 int main(int argc, char** argv) {
   install_interrupt_handlers();
+  // A file that may grow no more is an error of its write, with axes to be stopped and poses to be
+  // kept, and not the death of the program.
+  std::signal(SIGXFSZ, SIG_IGN);
   spdlog::set_default_logger(spdlog::stderr_color_mt("turntable"));
   spdlog::set_pattern("turntable: %^%l%$: %v");
 

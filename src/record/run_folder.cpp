@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <numeric>
 #include <unordered_map>
@@ -30,14 +31,21 @@ RunFolder RunFolder::create(const std::filesystem::path& root, const Plan& plan)
           "is not empty: a run is never written over another one. Choose a new folder.");
   }
   RunFolder folder(root);
-  for (const auto& path : {folder.root(), folder.images(), folder.tables(), folder.figures()}) {
-    std::filesystem::create_directories(path, error);
-    if (error)
-      throw RecordError(
-          fmt::format("{}: cannot be created: {}. Choose a folder that can be written.",
-                      path.string(), error.message()));
+  const auto parts = {folder.images(), folder.tables(), folder.figures()};
+  try {
+    for (const auto& path : parts) {
+      std::filesystem::create_directories(path, error);
+      if (error)
+        throw RecordError(
+            fmt::format("{}: cannot be created: {}. Choose a folder that can be written.",
+                        path.string(), error.message()));
+    }
+    write_atomically(folder.plan(), plan_text(plan));
+  } catch (const RecordError&) {
+    // Empty as it was, so that it can be tried again once there is room.
+    for (const auto& path : parts) std::filesystem::remove(path, error);
+    throw;
   }
-  write_atomically(folder.plan(), plan_text(plan));
   sync_folder(std::filesystem::absolute(root).parent_path());
   return folder;
 }
@@ -88,6 +96,40 @@ std::size_t RunState::poses_taken() const {
          static_cast<std::size_t>(std::ranges::count(line_of_pose, std::uint64_t{0}));
 }
 
+namespace {
+
+/// Compares both clocks from line to line.
+class ClockWatch {
+ public:
+  std::optional<ClockStep> step(const JournalEntry& entry) {
+    constexpr double kTolerance_s = 5.0;  // far beyond what a clock is slewed from line to line
+    // Another session's first line, or the stop document that it writes for one that was killed: any
+    // time may have passed, but none of it backwards, and the monotonic clock may have started again.
+    const bool another = entry.name == "start" || entry.name == "stop";
+    const double utc_s = unix_time_of(entry.utc);
+    const double step_s = utc_s - utc_s_ - (another ? 0.0 : entry.mono_s - mono_s_);
+    std::optional<ClockStep> found;
+    if (!utc_.empty() && (another ? step_s < -kTolerance_s : std::abs(step_s) > kTolerance_s))
+      found = ClockStep{entry.seq, utc_, entry.utc, step_s};
+    utc_ = entry.utc;
+    utc_s_ = utc_s;
+    mono_s_ = entry.mono_s;
+    return found;
+  }
+
+ private:
+  std::string utc_;
+  double utc_s_ = 0.0, mono_s_ = 0.0;
+};
+
+}  // namespace
+
+std::string clock_step_text(const ClockStep& step) {
+  return fmt::format("line {}: the wall clock {} by {:.1f} s, from {} to {}", step.line,
+                     step.step_s < 0.0 ? "was set back" : "jumped ahead", std::abs(step.step_s),
+                     step.from_utc, step.to_utc);
+}
+
 RunState read_run_state(const RunFolder& folder, const VisitPose& visit) {
   RunState record;
   record.plan = load_plan(folder.plan());
@@ -99,8 +141,10 @@ RunState read_run_state(const RunFolder& folder, const VisitPose& visit) {
 
   const std::string name = folder.journal().string();
   std::unordered_map<std::string, std::string> stream_of;  // by descriptor
+  ClockWatch clocks;
   const auto readout = read_journal(folder.journal(), [&](const JournalEntry& entry) {
     try {
+      if (const auto step = clocks.step(entry)) record.clock_steps.push_back(*step);
       if (entry.name == "start") {
         RunSession& session = record.sessions.emplace_back();
         session.uid = entry.doc.at("uid");

@@ -93,6 +93,16 @@ struct RunSession {
   std::string reason;
 };
 
+/// The wall clock against the machine's monotonic one: somebody set it, or the machine slept. Order is
+/// by the journal's lines and never by the time of day, so that this harms nothing but ages.
+struct ClockStep {
+  std::uint64_t line = 0;        ///< of the journal: the first one after it
+  std::string from_utc, to_utc;  ///< of the line before, and of this one
+  double step_s = 0.0;           ///< beyond what passed; below zero = set back
+};
+/// "line 12: the wall clock was set back by 3600.0 s, from ... to ..."
+std::string clock_step_text(const ClockStep& step);
+
 /// Plan and journal joined, without what was measured: what it takes to go on with a run or to check
 /// it, however many poses it has.
 struct RunState {
@@ -107,6 +117,7 @@ struct RunState {
   std::string reason;       ///< why it ended
   std::optional<std::string> torn;  ///< a last line that was cut off, if so
   std::vector<RunSession> sessions;
+  std::vector<ClockStep> clock_steps;
   JournalReadout journal;
 
   std::size_t poses_taken() const;

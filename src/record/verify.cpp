@@ -217,7 +217,7 @@ RunFindings verify_run(const RunFolder& folder, const VerifyProgress& progress) 
           if (!file.empty()) named.push_back(hash(file.get<std::string>()));
       images.look_at(entry);
     });
-    if (!plan_in_journal.empty() && plan_in_journal != plan_sha256(state.plan))
+    if (!plan_in_journal.empty() && plan_in_journal != sha256_hex(read_text(folder.plan())))
       findings.damage.push_back(fmt::format(
           "{}: is not the plan that the run was started with: its SHA-256 is not the journal's. "
           "Restore it from a copy.",
@@ -229,6 +229,9 @@ RunFindings verify_run(const RunFolder& folder, const VerifyProgress& progress) 
       if (state.sessions[s].exit_status.empty())
         findings.remarks.push_back(fmt::format(
             "session {} has no stop document: it was killed, or is still running", s + 1));
+    for (const ClockStep& step : state.clock_steps)
+      findings.remarks.push_back(
+          fmt::format("{} {}", folder.journal().string(), clock_step_text(step)));
     images.finish();
     std::ranges::sort(named);
     std::error_code error;

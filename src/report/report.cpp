@@ -277,6 +277,8 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
     md += "## Simulated error budget\n\n" + simulation_budget(rig) + "\n";
   md += sessions_text(record);
   md += "## Provenance\n\n" + provenance_text(record);
+  for (const ClockStep& step : record.clock_steps)
+    md += fmt::format("- times of day are not of one clock: journal {}\n", clock_step_text(step));
   write_atomically(folder.report(), md);
   return folder.report();
 }

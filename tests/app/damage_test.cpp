@@ -127,5 +127,85 @@ TEST_F(DamagedCopy, ARunThatWasNotEvaluatedOrHasGoneOnSinceIsNotDamaged) {
   EXPECT_THAT(sound.output, HasSubstr("has not been evaluated yet"));
 }
 
+TEST_F(DamagedCopy, WhatCannotBeWrittenIsNamedAndTheOldStays) {
+  const std::string poses = slurp(run / "poses.csv");
+  for (const char* verb : {"evaluate ", "report "}) {
+    const Outcome full = turntable_program(verb + run.string(), "ulimit -f 1;");
+    EXPECT_EQ(full.code, 3) << full.output;
+    EXPECT_THAT(full.output, AllOf(HasSubstr(run.string()), HasSubstr("Make room")));
+    EXPECT_EQ(slurp(run / "poses.csv"), poses);
+    EXPECT_EQ(verify().code, 0);
+  }
+  const Outcome scratch = turntable_program("verify " + run.string(), "TMPDIR=/proc");
+  EXPECT_EQ(scratch.code, 3) << scratch.output;
+  EXPECT_THAT(scratch.output, HasSubstr("--record-only"));
+}
+
+TEST_F(DamagedCopy, AJournalCutOffInItsLastLineIsSaidAndVerifiedUpToThere) {
+  const std::string journal = slurp(run / "journal.jsonl");
+  spill(run / "journal.jsonl", journal.substr(0, journal.size() - 10));
+  const Outcome torn = verify();
+  EXPECT_EQ(torn.code, 0) << torn.output;
+  EXPECT_THAT(torn.output, AllOf(HasSubstr("cut off"), HasSubstr("no stop document")));
+}
+
+TEST_F(DamagedCopy, ARunWithoutItsJournalIsNotSound) {
+  fs::remove(run / "journal.jsonl");
+  const Outcome outcome = verify();
+  EXPECT_EQ(outcome.code, 4);
+  EXPECT_THAT(outcome.output, HasSubstr("journal.jsonl"));
+}
+
+/// A short motion whose camera is known, without images.
+std::string short_run(const fs::path& calibration, const fs::path& out) {
+  return "run scenarios/quick/triaxial_xyz.json --rig scenarios/rigs/ideal.json --images none "
+         "--calibration " +
+         calibration.string() + " --out " + out.string();
+}
+
+TEST_F(DamagedCopy, ARunWhoseDiskWasFullGoesOnToTheSameTables) {
+  const fs::path camera = run / "calibration.json";
+  ASSERT_EQ(turntable_program(short_run(camera, folder / "whole")).code, 0);
+  // Enough for plan and calibration, not for the whole journal.
+  const auto blocks = fs::file_size(camera) / 512 + 2;
+  ASSERT_GT(fs::file_size(folder / "whole/journal.jsonl"), 512 * blocks);
+  const Outcome full = turntable_program(short_run(camera, folder / "full"),
+                                         "ulimit -f " + std::to_string(blocks) + ";");
+  EXPECT_EQ(full.code, 3) << full.output;
+  EXPECT_THAT(full.output, AllOf(HasSubstr("journal.jsonl"), HasSubstr("turntable resume")));
+  const std::string begun = slurp(folder / "full/journal.jsonl");
+  EXPECT_GT(begun.size(), 0u);
+  const Outcome resumed = turntable_program("resume " + (folder / "full").string());
+  EXPECT_EQ(resumed.code, 0) << resumed.output;
+  EXPECT_TRUE(slurp(folder / "full/journal.jsonl").starts_with(begun));
+  EXPECT_EQ(slurp(folder / "full/poses.csv"), slurp(folder / "whole/poses.csv"));
+  const Outcome sound = turntable_program("verify " + (folder / "full").string());
+  EXPECT_EQ(sound.code, 0) << sound.output;
+}
+
+TEST_F(DamagedCopy, ARunGoesOnWithTheCalibrationThatItBeganWith) {
+  const fs::path out = folder / "short";
+  ASSERT_EQ(turntable_program(short_run(run / "calibration.json", out)).code, 0);
+  std::string journal = slurp(out / "journal.jsonl");
+  for (int i = 0; i < 4; ++i) journal.resize(journal.rfind('\n', journal.size() - 2) + 1);
+  spill(out / "journal.jsonl", journal);
+  edit(out / "calibration.json", "\"source\"", ": \"", ": \"another ");
+  const Outcome refused = turntable_program("resume " + out.string());
+  EXPECT_EQ(refused.code, 2);
+  EXPECT_THAT(refused.output, HasSubstr("is not the calibration that the run began with"));
+  EXPECT_EQ(slurp(out / "journal.jsonl"), journal);
+  EXPECT_EQ(turntable_program("resume " + out.string() + " --accept-changes").code, 0);
+  const Outcome sound = turntable_program("verify " + out.string());
+  EXPECT_EQ(sound.code, 0) << sound.output;
+  EXPECT_THAT(sound.output, HasSubstr("is not the one that the run began with"));
+}
+
+TEST(ReadOnlyFolder, IsRefusedBeforeAnythingMoves) {
+  const Outcome outcome = turntable_program(
+      "run scenarios/campaigns/quick.json --rig scenarios/rigs/ideal.json --out /proc/run");
+  EXPECT_EQ(outcome.code, 3) << outcome.output;
+  EXPECT_THAT(outcome.output, HasSubstr("/proc/run"));
+}
+
 }  // namespace
 }  // namespace turntable
