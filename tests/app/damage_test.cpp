@@ -3,6 +3,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <nlohmann/json.hpp>
+
+#include "src/record/run_folder.h"
+#include "src/record/sha256.h"
 #include "tests/app/program.h"
 #include "tests/support/temporary_folder.h"
 
@@ -19,9 +23,16 @@ class DamagedCopy : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
     original_ = new TemporaryFolder;
-    const Outcome made = turntable_program(
-        "run scenarios/campaigns/quick.json --rig scenarios/rigs/ideal.json --out " +
-        (*original_ / "run").string());
+    const std::string scenarios = TURNTABLE_SOURCE_DIR "/scenarios/quick/";
+    spill(*original_ / "campaign.json",
+          R"({"format": "turntable-campaign/1", "name": "small", "title": "Small", "steps": [
+              {"scenario": ")" +
+              scenarios + R"(calibration.json"},
+              {"scenario": ")" +
+              scenarios + R"(triaxial_xyz.json"}]})");
+    const Outcome made = turntable_program("run " + (*original_ / "campaign.json").string() +
+                                           " --rig scenarios/rigs/ideal.json --out " +
+                                           (*original_ / "run").string());
     ASSERT_EQ(made.code, 0) << made.output;
   }
   static void TearDownTestSuite() { delete original_; }
@@ -51,22 +62,46 @@ TEST_F(DamagedCopy, VerifyMakesEverythingThatFollowsAgain) {
   EXPECT_THAT(sound.output, HasSubstr("the same again"));
 
   edit(run / "tables/table5.csv", "ours", ".", ",");
-  edit(run / "poses.csv", "uniaxial", ",measure,", ",return,");
-  fs::remove(run / "tables/table3.md");
+  edit(run / "poses.csv", "triaxial", ",measure,", ",return,");
+  fs::remove(run / "tables/camera_solver.md");
   spill(run / "tables/mine.csv", "a\n");
   const std::string before = slurp(run / "poses.csv");
   const Outcome damaged = verify();
   EXPECT_EQ(damaged.code, 4);
   EXPECT_THAT(damaged.output,
               AllOf(HasSubstr("table5.csv: line "), HasSubstr("poses.csv: line "),
-                    HasSubstr("table3.md: is missing"), HasSubstr("mine.csv: is nothing"),
-                    Not(HasSubstr("table4")), Not(HasSubstr("another program"))));
+                    HasSubstr("camera_solver.md: is missing"), HasSubstr("mine.csv: is nothing"),
+                    Not(HasSubstr("table1")), Not(HasSubstr("another program"))));
   EXPECT_EQ(slurp(run / "poses.csv"), before) << "verify changes nothing";
   EXPECT_EQ(verify(" --record-only").code, 0);
 
   fs::remove(run / "tables/mine.csv");
   EXPECT_EQ(turntable_program("evaluate " + run.string()).code, 0);
   EXPECT_EQ(verify().code, 0);
+}
+
+TEST_F(DamagedCopy, ItsStartDocumentSaysWhatTheResultsOweTheirBeingTo) {
+  const Json start = Json::parse(read_run_state(RunFolder::open(run)).start_document);
+  const Json& p = start.at("provenance");
+  for (const char* key :
+       {"program", "version", "commit", "modified", "compiler", "host", "command"})
+    EXPECT_TRUE(p.contains(key)) << key;
+  EXPECT_EQ(start.at("plan_sha256"), sha256_hex(slurp(run / "plan.json")));
+  EXPECT_EQ(p.at("rig").at("sha256"), sha256_hex(slurp("scenarios/rigs/ideal.json")));
+  ASSERT_EQ(p.at("sources").size(), 3u);  // the campaign and its two scenarios
+  for (const Json& source : p.at("sources"))
+    EXPECT_EQ(source.at("sha256"), sha256_hex(slurp(source.at("file").get<std::string>())));
+  EXPECT_FALSE(p.contains("calibration_sha256")) << "it follows from the run's own sweep";
+  EXPECT_EQ(p.at("axes").size(), 4u);
+  for (const auto& [name, axis] : p.at("axes").items())
+    for (const char* key : {"lower", "upper", "speed", "acceleration", "backlash", "tolerance"})
+      EXPECT_TRUE(axis.at(key).is_number()) << name << key;
+  EXPECT_EQ(p.at("camera").at("width_px"), 1024);
+  EXPECT_EQ(p.at("camera").at("trigger"), "software");
+  EXPECT_TRUE(p.at("seed").is_number());
+  EXPECT_GE(p.at("libraries").size(), 5u);
+  // Device identities stand beside it, as each device answered.
+  EXPECT_FALSE(start.at("devices").empty());
 }
 
 TEST_F(DamagedCopy, ACalibrationThatDoesNotFollowFromItsSweepIsNamed) {
@@ -158,7 +193,7 @@ TEST_F(DamagedCopy, ARunWithoutItsJournalIsNotSound) {
 
 /// A short motion whose camera is known, without images.
 std::string short_run(const fs::path& calibration, const fs::path& out) {
-  return "run scenarios/quick/triaxial_xyz.json --rig scenarios/rigs/ideal.json --images none "
+  return "run scenarios/uniaxial_z.json --rig scenarios/rigs/ideal.json --images none "
          "--calibration " +
          calibration.string() + " --out " + out.string();
 }
@@ -200,11 +235,17 @@ TEST_F(DamagedCopy, ARunGoesOnWithTheCalibrationThatItBeganWith) {
   EXPECT_THAT(sound.output, HasSubstr("is not the one that the run began with"));
 }
 
-TEST(ReadOnlyFolder, IsRefusedBeforeAnythingMoves) {
-  const Outcome outcome = turntable_program(
-      "run scenarios/campaigns/quick.json --rig scenarios/rigs/ideal.json --out /proc/run");
-  EXPECT_EQ(outcome.code, 3) << outcome.output;
-  EXPECT_THAT(outcome.output, HasSubstr("/proc/run"));
+TEST(UnwritableFolder, IsRefusedBeforeAnythingMovesAndStaysAsItWas) {
+  const TemporaryFolder folder;
+  const std::string run =
+      "run scenarios/campaigns/quick.json --rig scenarios/rigs/ideal.json --out ";
+  const Outcome no_room = turntable_program(run + "/proc/run");
+  EXPECT_EQ(no_room.code, 2) << no_room.output;
+  EXPECT_THAT(no_room.output, HasSubstr("/proc"));
+  const Outcome full = turntable_program(run + (folder / "run").string(), "ulimit -f 0;");
+  EXPECT_EQ(full.code, 3) << full.output;
+  EXPECT_THAT(full.output, HasSubstr("plan.json"));
+  EXPECT_TRUE(fs::is_empty(folder / "run"));
 }
 
 }  // namespace

@@ -87,7 +87,7 @@ TEST_F(DamagedRun, AByteAlteredInTheMiddleOfTheJournalIsFoundAndItsLineNamed) {
   // Up to the end of the line before the last: what the last line holds may be a torn write.
   const std::size_t last = text.rfind('\n', text.size() - 2);
   std::size_t tried = 0;
-  for (std::size_t at = 0; at < last; at += 5) {
+  for (std::size_t at = 0; at < last; at += 11) {
     const char others[] = {static_cast<char>(text[at] ^ 1), static_cast<char>(text[at] ^ 0x80),
                            '\n'};
     const char other = others[tried++ % std::size(others)];
@@ -104,7 +104,7 @@ TEST_F(DamagedRun, AByteAlteredInTheMiddleOfTheJournalIsFoundAndItsLineNamed) {
     } catch (const ConfigError& e) {
       ASSERT_THAT(e.what(), names_it) << "byte " << at;
     }
-    if (tried % 50 == 0) {
+    if (tried % 20 == 0) {
       ASSERT_THAT(verify_run(folder).damage, ElementsAre(names_it)) << "byte " << at;
     }
   }
@@ -180,7 +180,7 @@ TEST_F(DamagedRun, AnImageThatIsMissingEmptyCutAlteredOrNoFileIsNamedAndNoOther)
 
 TEST_F(DamagedRun, AByteAlteredAnywhereInThePlanIsFound) {
   const std::string whole = slurp(folder.plan());
-  for (std::size_t at = 0; at < whole.size(); at += 3) {
+  for (std::size_t at = 0; at < whole.size(); at += 7) {
     std::string altered = whole;
     altered[at] = altered[at] == ' ' ? '\t' : static_cast<char>(altered[at] ^ 1);
     spill(folder.plan(), altered);
