@@ -13,5 +13,7 @@ namespace turntable {
 inline constexpr char kVersion[] = \"${VERSION}\";
 inline constexpr char kCommit[] = \"${commit}\";
 inline constexpr bool kDirty = ${dirty};
+inline constexpr char kAravisVersion[] = \"${ARAVIS}\";
+inline constexpr char kModbusVersion[] = \"${MODBUS}\";
 }  // namespace turntable
 ")

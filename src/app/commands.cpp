@@ -4,32 +4,26 @@
 #include <fmt/ranges.h>
 #include <poll.h>
 #include <spdlog/spdlog.h>
-#include <unistd.h>
 
-#include <Eigen/Core>
 #include <algorithm>
-#include <boost/version.hpp>
 #include <nlohmann/json.hpp>
-#include <opencv2/core/version.hpp>
 #include <optional>
-#include <sstream>
 #include <thread>
 
 #include "src/app/open_rig.h"
+#include "src/app/outputs.h"
 #include "src/app/progress.h"
+#include "src/app/provenance.h"
 #include "src/app/rig_lock.h"
 #include "src/campaign/planning.h"
 #include "src/campaign/runner.h"
 #include "src/core/errors.h"
 #include "src/core/interrupt.h"
-#include "src/evaluation/calibrate.h"
 #include "src/evaluation/evaluate.h"
 #include "src/record/atomic_file.h"
 #include "src/record/sha256.h"
 #include "src/record/verify.h"
-#include "src/report/report.h"
 #include "src/report/trajectory.h"
-#include "version.h"
 
 namespace turntable {
 namespace {
@@ -117,128 +111,6 @@ void check_solvers(const std::vector<const Solver*>& solvers, const CameraSource
   }
 }
 
-/// The solvers that poses.csv was written for, so that a report tells of the same ones; none if
-/// there is no such file.
-std::vector<const Solver*> stored_solvers(const RunFolder& folder) {
-  std::vector<const Solver*> solvers;
-  if (!fs::exists(folder.poses())) return solvers;
-  std::istringstream csv(read_text(folder.poses()));
-  std::string line;
-  std::getline(csv, line);  // header
-  while (std::getline(csv, line)) {
-    std::istringstream cells(line);
-    std::string cell;
-    for (int i = 0; i < 7; ++i)
-      std::getline(cells, cell, ',');  // index, id, scenario, repeat, point, role, solver
-    const Solver* solver = find_solver(cell);
-    if (solver == nullptr || std::ranges::find(solvers, solver) != solvers.end()) break;
-    solvers.push_back(solver);
-  }
-  return solvers;
-}
-
-nlohmann::json provenance(const RigFile& rig, const std::string& command) {
-  char host[256] = "unknown";
-  ::gethostname(host, sizeof host - 1);
-  nlohmann::json p{{"program", "turntable"},
-                   {"version", kVersion},
-                   {"commit", kCommit},
-                   {"modified", kDirty},
-                   {"compiler", __VERSION__},
-                   {"command", command},
-                   {"host", host},
-                   {"simulated", rig.simulated()},
-                   {"libraries",
-                    {{"opencv", CV_VERSION},
-                     {"eigen", fmt::format("{}.{}.{}", EIGEN_WORLD_VERSION, EIGEN_MAJOR_VERSION,
-                                           EIGEN_MINOR_VERSION)},
-                     {"boost", BOOST_LIB_VERSION}}}};
-  if (rig.simulated()) p["seed"] = rig.simulation->seed;
-  return p;
-}
-
-/// What a stored calibration was made from, if it is this run's and its images are still there: only
-/// then do the residuals belong into the run's report.
-std::optional<CalibrationSet> sweep_behind(const Calibration& calibration, const RunRecord& record,
-                                           const RunFolder& folder, const RigFile& rig) {
-  if (!has_calibration_sweep(record.plan) || calibration.source != calibration_source(record.plan))
-    return {};
-  for (const TakenPose& pose : record.poses)
-    if (record.plan.scenario_of(pose.planned).kind == ScenarioKind::kCalibration)
-      for (const TakenImage& image : pose.images)
-        if (image.file.empty() || !fs::exists(folder.root() / image.file)) {
-          spdlog::warn(
-              "{}: the pattern's images are not all there; figures of the calibration are left "
-              "out.",
-              folder.root().string());
-          return {};
-        }
-  return sweep_set(record, folder, rig);
-}
-
-/// Of a run that is there already, from its stored points.
-CameraComparison stored_comparison(const RunFolder& folder) {
-  const RunRecord record = read_run(folder);
-  const RigFile rig = parse_rig_file(record.plan.rig.text, record.plan.rig.file, folder.root());
-  const Calibration calibration = load_calibration(folder.calibration());
-  EvaluateOptions options;
-  options.solvers = {&default_solver()};  // for the points
-  options.spots = SpotSource::kJournal;
-  return compare_cameras(evaluate(record, folder, rig, calibration, options), rig, calibration);
-}
-
-/// Evaluates a run and writes everything after the images.
-/// @param beside runs whose cameras are set beside this one's. @return exit code.
-int finish(const RunFolder& folder, const std::optional<Calibration>& loaded,
-           EvaluateOptions options, bool rewrite, const std::vector<RunFolder>& beside = {}) {
-  const RunRecord record = read_run(folder);
-  const RigFile rig = parse_rig_file(record.plan.rig.text, record.plan.rig.file, folder.root());
-  if (record.torn) spdlog::warn("{}: {}", folder.journal().string(), *record.torn);
-
-  Calibration calibration;
-  std::optional<CalibrationSet> set;
-  if (loaded) {
-    calibration = *loaded;
-    set = sweep_behind(calibration, record, folder, rig);
-  } else if (has_calibration_sweep(record.plan)) {
-    ProgressLine line("calibrating");
-    set = sweep_set(record, folder, rig, [&](std::size_t done, std::size_t total) {
-      line.update(done, total, "images");
-    });
-    calibration = calibrate(*set);
-  } else {
-    calibration = load_calibration(folder.calibration());
-  }
-  if (rewrite) write_atomically(folder.calibration(), calibration_to_json(calibration));
-
-  Evaluation evaluation;
-  {
-    ProgressLine line("evaluating");
-    options.progress = [&](std::size_t done, std::size_t total) {
-      line.update(done, total, "poses");
-    };
-    evaluation = evaluate(record, folder, rig, calibration, options);
-  }
-  if (rewrite) write_poses_csv(evaluation, record.plan, folder.poses());
-  std::vector<CameraComparison> cameras{compare_cameras(evaluation, rig, calibration)};
-  for (const RunFolder& other : beside) cameras.push_back(stored_comparison(other));
-  const fs::path report = write_report(folder, record, rig, calibration, set, evaluation, cameras);
-
-  for (const PlaneResidual& p : calibration.planes)
-    fmt::print("camera: plane {:8.3f} mm ({}): residual {:.4f} mm rms, {:.4f} mm max, {} circles\n",
-               p.z_mm, p.fitted ? "fitted" : "kept out", p.rms_mm, p.max_mm, p.points);
-  for (const RepeatStatistics& r : repeat_statistics(evaluation))
-    fmt::print("{:<14} repeat {}  {:<18} total RMSE {:.4f} deg  {} poses, {} failed\n",
-               record.plan.scenarios[r.scenario].name, r.repeat, r.solver->name,
-               r.statistics.rmse_total_deg, r.statistics.poses, r.statistics.failed);
-  const std::size_t failed = failed_results(evaluation);
-  if (failed > 0)
-    spdlog::warn("{} results failed; poses.csv and report.md say which and why.", failed);
-  if (rig.simulated()) fmt::print("These results are simulated (seed {}).\n", rig.simulation->seed);
-  fmt::print("report: {}\n", report.string());
-  return failed > 0 ? kFailedPoses : kDone;
-}
-
 void print_list(const std::vector<std::string>& lines) {
   for (const std::string& line : lines) fmt::print("  {}\n", line);
 }
@@ -250,14 +122,14 @@ struct Taking {
   const RigFile& rig;
   const Plan& plan;
   fs::path root;
+  const std::optional<Calibration>& calibration;  ///< given, instead of a sweep of the run's own
   AcquireOptions options = {};
-  const Calibration* camera = nullptr;     ///< of a new run that has no sweep
   bool accepts_changes = false;            ///< of a run that goes on
   std::vector<std::string> accepted = {};  ///< what has changed since it began
 };
 
 /// A run goes on with the devices that it began with. @return what differs.
-std::vector<std::string> other_devices(const Rig& rig, const RunRecord& before) {
+std::vector<std::string> other_devices(const Rig& rig, const RunState& before) {
   std::vector<std::string> differences;
   if (before.start_document.empty()) return differences;
   const auto start = nlohmann::json::parse(before.start_document);
@@ -356,7 +228,7 @@ void print_times(const AcquireSummary& s) {
 /// @param folder is there as soon as it has been made.
 AcquireSummary take_poses(const Taking& taking, std::optional<RunFolder>& folder) {
   const TakeArguments& a = taking.arguments;
-  const RunRecord* before = taking.options.before;
+  const RunState* before = taking.options.before;
   // The devices are asked before anything is written or moves.
   std::fflush(stdout);
   const RigLock lock(taking.rig, taking.command, taking.root);
@@ -367,18 +239,20 @@ AcquireSummary take_poses(const Taking& taking, std::optional<RunFolder>& folder
   AcquireOptions options = taking.options;
   options.overheads = known_overheads(taking.rig.name).value_or(Overheads{});
   print_check(check_devices(rig, taking.rig, taking.plan, options), taking.rig);
-  nlohmann::json start = provenance(taking.rig, taking.command);
+  std::vector<std::string> changes;
   if (before == nullptr) {
     folder = RunFolder::create(taking.root, taking.plan);
-    if (taking.camera != nullptr)
-      write_atomically(folder->calibration(), calibration_to_json(*taking.camera));
+    if (taking.calibration)
+      write_atomically(folder->calibration(), calibration_to_json(*taking.calibration));
   } else {
     folder = RunFolder::open(taking.root);
-    std::vector<std::string> changes = other_devices(rig, *before);
+    changes = other_devices(rig, *before);
     if (!taking.accepts_changes) refuse_changes(taking.root, changes);
     changes.insert(changes.begin(), taking.accepted.begin(), taking.accepted.end());
-    if (!changes.empty()) start["accepted_changes"] = changes;
   }
+  nlohmann::json start = run_provenance(taking.rig, taking.plan, taking.command,
+                                        taking.calibration ? folder->calibration() : fs::path());
+  if (!changes.empty()) start["accepted_changes"] = changes;
   fmt::print("run: {}\n", folder->root().string());
   std::fflush(stdout);
   const auto kept = [&](std::string_view axes) {
@@ -408,8 +282,8 @@ AcquireSummary take_poses(const Taking& taking, std::optional<RunFolder>& folder
 }
 
 /// Takes the poses and evaluates the run. @return exit code.
-int take_and_finish(const Taking& taking, const std::optional<Calibration>& loaded,
-                    const EvaluateOptions& options, const std::vector<RunFolder>& beside) {
+int take_and_finish(const Taking& taking, const EvaluateOptions& options,
+                    const std::vector<RunFolder>& beside) {
   std::optional<RunFolder> made;
   const AcquireSummary summary = take_poses(taking, made);
   const RunFolder& folder = *made;
@@ -422,7 +296,7 @@ int take_and_finish(const Taking& taking, const std::optional<Calibration>& load
         "a complaint (see the journal)\n",
         summary.retakes, summary.trigger_retries, summary.doubtful);
   try {
-    const int code = finish(folder, loaded, options, true, beside);
+    const int code = write_outputs(folder, {taking.calibration, options, beside}, Rewrite::kAll);
     return code == kDone && summary.failed > 0 ? kFailedPoses : code;
   } catch (const Interrupted&) {
     throw;
@@ -515,10 +389,9 @@ int run_command(const RunArguments& a) {
     return kDone;
   }
 
-  Taking taking{a, fmt::format("run {}", a.scenario.string()), rig_file, plan, root};
+  Taking taking{a, fmt::format("run {}", a.scenario.string()), rig_file, plan, root, camera.loaded};
   taking.options.archive = archive;
-  if (camera.loaded) taking.camera = &*camera.loaded;
-  return take_and_finish(taking, camera.loaded, options, beside);
+  return take_and_finish(taking, options, beside);
 }
 
 int resume_command(const ResumeArguments& a) {
@@ -528,18 +401,34 @@ int resume_command(const ResumeArguments& a) {
     return kDone;
   }
   EvaluateOptions options = solvers_named(a.solvers);
-  if (a.solvers.empty()) options.solvers = stored_solvers(folder);
   // A run that was killed before its journal was made has a plan and nothing else.
-  RunRecord before;
-  if (fs::exists(folder.journal()))
-    before = read_run(folder);
-  else
+  RunState before;
+  if (fs::exists(folder.journal())) {
+    before = read_run_state(folder);
+  } else {
     before.plan = load_plan(folder.plan());
+    before.line_of_pose.assign(before.plan.poses.size(), 0);
+  }
   const Plan& plan = before.plan;
   const RigFile rig_file = parse_rig_file(plan.rig.text, plan.rig.file, folder.root());
-  const bool sweep = has_calibration_sweep(plan);
+  if (a.solvers.empty() && fs::exists(folder.journal()))
+    options.solvers = read_evaluation_record(folder, plan).solvers;
+  const nlohmann::json start = before.start_document.empty()
+                                   ? nlohmann::json::object()
+                                   : nlohmann::json::parse(before.start_document);
+  // What the run was given when it began, also if it has a sweep of its own.
+  const std::string calibration_sha256 =
+      start.value("/provenance/calibration_sha256"_json_pointer, "");
   std::optional<Calibration> loaded;
-  if (!sweep) loaded = load_calibration(folder.calibration());
+  std::vector<std::string> changes = changed_files(plan);
+  if (!has_calibration_sweep(plan) || !calibration_sha256.empty() ||
+      (start.empty() && fs::exists(folder.calibration()))) {
+    loaded = load_calibration(folder.calibration());
+    if (!calibration_sha256.empty() &&
+        sha256_hex(read_text(folder.calibration())) != calibration_sha256)
+      changes.push_back(fmt::format("{}: is not the calibration that the run began with",
+                                    folder.calibration().string()));
+  }
 
   RunFindings findings;
   {
@@ -548,24 +437,21 @@ int resume_command(const ResumeArguments& a) {
                   [&](std::size_t done, std::size_t total) { line.update(done, total, "poses"); });
   }
   for (const std::string& what : findings.damage) spdlog::warn("{}", what);
-  std::erase_if(before.poses, [&](const TakenPose& pose) {
-    return std::ranges::binary_search(findings.lost_poses, pose.planned.index);
-  });
+  for (const std::size_t index : findings.lost_poses) before.line_of_pose[index] = 0;
   fmt::print(
-      "{}: {} of {} poses are there{}.\n", plan.title, before.poses.size(), plan.poses.size(),
+      "{}: {} of {} poses are there{}.\n", plan.title, before.poses_taken(), plan.poses.size(),
       findings.lost_poses.empty() ? ""
                                   : fmt::format("; {} whose images are lost will be taken again",
                                                 findings.lost_poses.size()));
   if (before.complete()) {
     fmt::print("Nothing is left to take.\n");
-    return finish(folder, loaded, options, true);
+    return write_outputs(folder, {loaded, options, {}}, Rewrite::kAll);
   }
-  Taking taking{a, fmt::format("resume {}", a.run.string()), rig_file, plan, a.run};
+  Taking taking{a, fmt::format("resume {}", a.run.string()), rig_file, plan, a.run, loaded};
   taking.accepts_changes = a.accept_changes;
-  taking.accepted = changed_files(plan);
+  taking.accepted = std::move(changes);
   if (!before.start_document.empty()) {
-    const auto start = nlohmann::json::parse(before.start_document);
-    if (start.value("plan_sha256", "") != sha256_hex(plan_text(plan)))
+    if (start.value("plan_sha256", "") != plan_sha256(plan))
       throw ConfigError(folder.plan().string(), "",
                         "is not the plan that the run was started with. Restore it from a copy.");
     taking.options.archive = archive_mode_from_name(start.value("archive", "regions"));
@@ -580,7 +466,7 @@ int resume_command(const ResumeArguments& a) {
     for (const std::size_t index : *list) rest.poses.push_back(plan.poses[index]);
   fmt::print("{}", plan_summary(
                        rest, check_plan(rest, rig_file, {taking.options.archive, folder.root()})));
-  return take_and_finish(taking, loaded, options, {});
+  return take_and_finish(taking, options, {});
 }
 
 int tell_command(const fs::path& run, const std::string& word) {
@@ -607,42 +493,25 @@ int tell_command(const fs::path& run, const std::string& word) {
   throw NotStopped(fmt::format("{} was told to stop and has not ended.", *who));
 }
 
-int verify_command(const fs::path& run) {
-  const RunFolder folder = RunFolder::open(run);
-  RunFindings findings;
-  {
-    ProgressLine line("verifying");
-    findings = verify_run(
-        folder, [&](std::size_t done, std::size_t total) { line.update(done, total, "poses"); });
-  }
-  fmt::print("journal: {} lines, images: {}\n", findings.lines, findings.images);
-  for (const std::string& remark : findings.remarks) fmt::print("remark: {}\n", remark);
-  for (const std::string& what : findings.damage) spdlog::error("{}", what);
-  if (!findings.sound()) return kFailedPoses;
-  fmt::print("The record is as it was written.\n");
-  return kDone;
-}
-
 int evaluate_command(const EvaluateArguments& a) {
   const RunFolder folder = RunFolder::open(a.run);
-  std::optional<Calibration> loaded;
-  if (!a.calibration.empty()) loaded = load_calibration(a.calibration);
-  return finish(folder, loaded, solvers_named(a.solvers), true);
+  std::optional<Calibration> given;
+  if (!a.calibration.empty()) given = load_calibration(a.calibration);
+  return write_outputs(folder, {given, solvers_named(a.solvers), {}}, Rewrite::kAll);
 }
 
 int report_command(const std::vector<fs::path>& runs) {
   int code = kDone;
   for (const fs::path& run : runs) {
     const RunFolder folder = RunFolder::open(run);
-    std::optional<Calibration> stored;
-    if (fs::exists(folder.calibration())) stored = load_calibration(folder.calibration());
-    EvaluateOptions options;
-    options.solvers = stored_solvers(folder);
-    options.spots = SpotSource::kJournal;
-    std::vector<RunFolder> beside;
+    OutputOptions options;
+    if (fs::exists(folder.calibration()))
+      options.calibration = load_calibration(folder.calibration());
+    options.evaluate.solvers = read_evaluation_record(folder, load_plan(folder.plan())).solvers;
+    options.evaluate.spots = SpotSource::kJournal;
     for (const fs::path& other : runs)
-      if (&run == &runs.front() && &other != &run) beside.push_back(RunFolder::open(other));
-    code = std::max(code, finish(folder, stored, std::move(options), false, beside));
+      if (&run == &runs.front() && &other != &run) options.beside.push_back(RunFolder::open(other));
+    code = std::max(code, write_outputs(folder, std::move(options), Rewrite::kTables));
   }
   return code;
 }

@@ -56,7 +56,11 @@ int resume_command(const ResumeArguments& a);
 /// Tells whoever takes the run. @param word "pause", "stop"
 int tell_command(const std::filesystem::path& run, const std::string& word);
 
-int verify_command(const std::filesystem::path& run);
+struct VerifyArguments {
+  std::filesystem::path run;
+  bool record_only = false;
+};
+int verify_command(const VerifyArguments& a);
 
 struct CalibrateArguments {
   /// Run folder, calibration scenario, calibration set, calibration file, or OpenCV camera.

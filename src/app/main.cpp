@@ -4,6 +4,7 @@
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
+#include <csignal>
 #include <exception>
 #include <iostream>
 
@@ -68,6 +69,9 @@ int guarded(const std::function<int()>& verb) {
 
 int main(int argc, char** argv) {
   install_interrupt_handlers();
+  // A file that may grow no more is an error of its write, with axes to be stopped and poses to be
+  // kept, and not the death of the program.
+  std::signal(SIGXFSZ, SIG_IGN);
   spdlog::set_default_logger(spdlog::stderr_color_mt("turntable"));
   spdlog::set_pattern("turntable: %^%l%$: %v");
 
@@ -212,15 +216,18 @@ int main(int argc, char** argv) {
       kExitCodes);
   resume_verb->callback([&] { code = guarded([&] { return resume_command(resume); }); });
 
-  std::filesystem::path run_to_verify;
+  VerifyArguments verify;
   auto* verify_verb = app.add_subcommand(
-      "verify", "Check plan, journal and images of a run against their hashes; change nothing");
-  verify_verb->add_option("run", run_to_verify, "run folder")->required();
+      "verify",
+      "Check a run against its hashes, evaluate it again and compare every table; change nothing");
+  verify_verb->add_option("run", verify.run, "run folder")->required();
+  verify_verb->add_flag("--record-only", verify.record_only,
+                        "plan, journal and images only: do not evaluate again");
   verify_verb->footer(
-      "Example:\n  turntable verify results/runs/20260131T120000Z-quick\nExit code 4 if anything "
-      "is "
-      "damaged.");
-  verify_verb->callback([&] { code = guarded([&] { return verify_command(run_to_verify); }); });
+      "Example:\n  turntable verify results/runs/20260131T120000Z-quick\n\nCalibration, poses.csv "
+      "and tables are made again in a temporary folder (TMPDIR) and compared byte for byte;\n"
+      "figures and report.md are not. Exit code 4 if anything is damaged or differs.");
+  verify_verb->callback([&] { code = guarded([&] { return verify_command(verify); }); });
 
   EvaluateArguments evaluate;
   auto* evaluate_verb = app.add_subcommand(

@@ -49,7 +49,7 @@ class Acquisition {
         schedule_(schedule_of(plan, options)),
         pace_(plan, rig_file, schedule_.all(), options.overheads),
         telemetry_(rig, rig_file.telemetry),
-        done_(options.before == nullptr ? 0 : options.before->poses.size()) {}
+        done_(options.before == nullptr ? 0 : options.before->poses_taken()) {}
 
   AcquireSummary run(const RunFolder& folder, const Json& provenance) {
     check_devices();
@@ -140,7 +140,7 @@ class Acquisition {
   Json start_document(const Json& provenance) const {
     return {{"plan_name", plan_.name},
             {"num_poses", plan_.poses.size()},
-            {"plan_sha256", sha256_hex(plan_text(plan_))},
+            {"plan_sha256", plan_sha256(plan_)},
             {"rig_sha256", plan_.rig.sha256},
             {"archive", archive_mode_name(options_.archive)},
             {"simulated", rig_.simulated},
@@ -499,11 +499,9 @@ AcquireSummary acquire(Rig& rig, const RigFile& rig_file, const Plan& plan, cons
 
 Schedule schedule_of(const Plan& plan, const AcquireOptions& options) {
   Schedule schedule;
-  std::vector<bool> taken(plan.poses.size());
-  if (options.before != nullptr)
-    for (const TakenPose& pose : options.before->poses) taken[pose.planned.index] = true;
   for (const PlannedPose& pose : plan.poses)
-    if (!taken[pose.index]) schedule.missing.push_back(pose.index);
+    if (options.before == nullptr || options.before->line_of_pose.at(pose.index) == 0)
+      schedule.missing.push_back(pose.index);
   if (options.before == nullptr || schedule.missing.empty()) return schedule;
   const PlannedPose& first = plan.poses[schedule.missing.front()];
   for (std::size_t i = first.index; i-- > 0 && schedule.overlap.size() < options.overlap;) {

@@ -25,7 +25,7 @@ struct AcquireOptions {
   int region_margin_px = kRegionMarginPx;
   std::size_t queued_poses = 8;  ///< poses waiting for the worker before the rig waits for it
   /// What earlier sessions took, if the run goes on: these poses are not taken again. nullptr = new.
-  const RunRecord* before = nullptr;
+  const RunState* before = nullptr;
   /// A run that goes on takes so many of the poses before the first missing one again, beside the
   /// ones that count (stream "overlap"): the difference says what the break has changed.
   std::size_t overlap = 2;

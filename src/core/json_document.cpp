@@ -148,6 +148,7 @@ std::string explain(const Json& value, const Json& schema) {
 }
 
 [[noreturn]] void throw_schema_error(const Json& value, const Json& schema, const std::string& name,
+                                     const std::string& place,
                                      valijson::ValidationResults& results) {
   // The deepest complaint is the cause; the others repeat it from above.
   valijson::ValidationResults::Error error, deepest;
@@ -163,25 +164,31 @@ std::string explain(const Json& value, const Json& schema) {
   if (value.contains(at))
     if (const Json* governing = schema_at(schema, at)) words = explain(value.at(at), *governing);
   if (words.empty()) words = deepest.description;
-  throw ConfigError(name, pointer.empty() ? "/" : pointer, words);
+  throw ConfigError(name, place + pointer == "" ? "/" : place + pointer, words);
 }
 
-Json parse_or_throw(std::string_view text, const std::string& name) {
+/// @param keep is asked for every object that ends, with the key of the document that it stands in
+/// and its depth; false = forgotten.
+Json parse_or_throw(
+    std::string_view text, const std::string& name,
+    const std::function<bool(const std::string& key, int depth, const Json&)>& keep = {}) {
   if (text.find_first_not_of(" \t\r\n") == std::string_view::npos)
     throw ConfigError(name, "", "is empty, allowed: JSON. Restore it from a copy.");
   try {
     // JSON lets a key stand twice, and the last one wins: two limits on one axis would pass without
     // a word.
     std::vector<std::set<std::string>> open_objects;
-    const auto refuse_twice = [&](int, Json::parse_event_t event, Json& parsed) {
+    std::string top_key;
+    const auto refuse_twice = [&](int depth, Json::parse_event_t event, Json& parsed) {
       if (event == Json::parse_event_t::object_start) open_objects.emplace_back();
       if (event == Json::parse_event_t::object_end) open_objects.pop_back();
+      if (event == Json::parse_event_t::key && depth == 1) top_key = parsed.get<std::string>();
       if (event == Json::parse_event_t::key &&
           !open_objects.back().insert(parsed.get<std::string>()).second)
         throw ConfigError(
             name, "",
             fmt::format("key {} stands twice in one object. Remove one of them.", parsed.dump()));
-      return true;
+      return event != Json::parse_event_t::object_end || !keep || keep(top_key, depth, parsed);
     };
     return Json::parse(text, refuse_twice);
   } catch (const Json::parse_error& e) {
@@ -217,13 +224,18 @@ std::string read_text(const std::filesystem::path& file) {
   if (!in)
     throw ConfigError(file.string(), "",
                       "cannot be read: no such file, or no permission. Check the path.");
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
+  std::string text;
+  if (const auto size = std::filesystem::file_size(file, error); !error) text.reserve(size);
+  std::vector<char> piece(1u << 16);
+  while (in.read(piece.data(), static_cast<std::streamsize>(piece.size())), in.gcount() > 0)
+    text.append(piece.data(), static_cast<std::size_t>(in.gcount()));
+  return text;
 }
 
-Json parse_json(std::string_view text, const std::string& name, std::string_view schema_name) {
-  Json value = parse_or_throw(text, name);
+namespace {
+
+/// @param value is parsed already.
+void check_document(const Json& value, const std::string& name, std::string_view schema_name) {
   const Json schema_json = whole_schema(schema_name);
 
   // One cheap look first: a file of another kind should not be answered with a list of missing
@@ -238,6 +250,29 @@ Json parse_json(std::string_view text, const std::string& name, std::string_view
                     format.at("const").dump(), schema_name));
 
   SchemaCheck{schema_name}(value, name);
+}
+
+}  // namespace
+
+Json parse_json(std::string_view text, const std::string& name, std::string_view schema) {
+  Json value = parse_or_throw(text, name);
+  check_document(value, name, schema);
+  return value;
+}
+
+Json parse_json(std::string_view text, const std::string& name, std::string_view schema,
+                std::string_view list,
+                const std::function<void(const Json& item, std::size_t place)>& visit) {
+  const SchemaCheck check(schema, fmt::format("/properties/{}/items", list));
+  std::size_t place = 0;
+  Json value = parse_or_throw(text, name, [&](const std::string& key, int depth, const Json& item) {
+    constexpr int kItem = 2;  // below the document and its array
+    if (depth != kItem || key != list) return true;
+    check(item, name, fmt::format("/{}/{}", list, place));
+    visit(item, place);
+    return place++ == 0;
+  });
+  check_document(value, name, schema);
   return value;
 }
 
@@ -246,17 +281,19 @@ struct SchemaCheck::Parsed {
   valijson::Schema schema;
 };
 
-SchemaCheck::SchemaCheck(std::string_view schema) : parsed_(std::make_unique<Parsed>()) {
-  parsed_->json = whole_schema(schema);
+SchemaCheck::SchemaCheck(std::string_view schema, const std::string& part)
+    : parsed_(std::make_unique<Parsed>()) {
+  parsed_->json = whole_schema(schema).at(Json::json_pointer(part));
   valijson::SchemaParser().populateSchema(NlohmannJsonAdapter(parsed_->json), parsed_->schema);
 }
 SchemaCheck::~SchemaCheck() = default;
 
-void SchemaCheck::operator()(const Json& value, const std::string& name) const {
+void SchemaCheck::operator()(const Json& value, const std::string& name,
+                             const std::string& at) const {
   valijson::Validator validator;
   valijson::ValidationResults results;
   if (!validator.validate(parsed_->schema, NlohmannJsonAdapter(value), &results))
-    throw_schema_error(value, parsed_->json, name, results);
+    throw_schema_error(value, parsed_->json, name, at, results);
 }
 
 Json load_json(const std::filesystem::path& file, std::string_view schema) {

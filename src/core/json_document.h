@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <string>
@@ -21,14 +22,21 @@ std::string read_text(const std::filesystem::path& file);
 Json load_json(const std::filesystem::path& file, std::string_view schema);
 /// The same for text already read; `name` stands for the file in messages.
 Json parse_json(std::string_view text, const std::string& name, std::string_view schema);
+/// The same for a text with one long list of objects, the array `list` at its top: each is checked by
+/// the schema of its items, handed to `visit` with its place, and forgotten, so that memory does not
+/// grow with the list. The result has the first one only.
+Json parse_json(std::string_view text, const std::string& name, std::string_view schema,
+                std::string_view list,
+                const std::function<void(const Json& item, std::size_t place)>& visit);
 
 /// A built-in schema, made ready once for many values.
 class SchemaCheck {
  public:
-  explicit SchemaCheck(std::string_view schema);
+  /// @param part JSON pointer to the part of it that is meant, which must not refer to others.
+  explicit SchemaCheck(std::string_view schema, const std::string& part = "");
   ~SchemaCheck();
-  /// @throws ConfigError as above.
-  void operator()(const Json& value, const std::string& name) const;
+  /// @param at JSON pointer to the value in its file. @throws ConfigError as above.
+  void operator()(const Json& value, const std::string& name, const std::string& at = "") const;
 
  private:
   struct Parsed;

@@ -212,7 +212,7 @@ std::vector<PlanePoint> CalibrationSet::points(bool fitted) const {
 }
 
 std::string calibration_source(const Plan& plan) {
-  return fmt::format("{} (plan {})", plan.name, sha256_hex(plan_text(plan)).substr(0, 12));
+  return fmt::format("{} (plan {})", plan.name, plan_sha256(plan).substr(0, 12));
 }
 
 bool has_calibration_sweep(const Plan& plan) {

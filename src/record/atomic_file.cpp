@@ -70,6 +70,10 @@ void StagedFile::commit() {
   temporary_.clear();
 }
 
+bool is_temporary(const std::filesystem::path& file) {
+  return file.extension().string().starts_with(".tmp");
+}
+
 void write_atomically(const std::filesystem::path& file, std::string_view bytes) {
   StagedFile(file, bytes).commit();
   sync_folder(file.parent_path());

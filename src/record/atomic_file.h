@@ -33,6 +33,9 @@ class StagedFile {
 /// RecordError.
 void write_atomically(const std::filesystem::path& file, std::string_view bytes);
 
+/// True of the names that a process leaves behind if it is killed while it stages a file.
+bool is_temporary(const std::filesystem::path& file);
+
 /// Makes new names in `folder` survive a power cut. @throws RecordError.
 void sync_folder(const std::filesystem::path& folder);
 

@@ -9,8 +9,11 @@
 #include <array>
 #include <boost/crc.hpp>
 #include <cerrno>
+#include <cstdio>
 #include <cstring>
+#include <ctime>
 #include <fstream>
+#include <limits>
 #include <nlohmann/json.hpp>
 
 #include "src/core/clock.h"
@@ -166,6 +169,19 @@ std::string new_uid() {
 
 double unix_time_s() {
   return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
+}
+
+double unix_time_of(const std::string& utc) {
+  std::tm day{};
+  double second = 0.0;
+  char zone = 0;
+  if (std::sscanf(utc.c_str(), "%4d-%2d-%2dT%2d:%2d:%lf%c", &day.tm_year, &day.tm_mon, &day.tm_mday,
+                  &day.tm_hour, &day.tm_min, &second, &zone) != 7 ||
+      zone != 'Z')
+    return std::numeric_limits<double>::quiet_NaN();
+  day.tm_year -= 1900;
+  day.tm_mon -= 1;
+  return static_cast<double>(::timegm(&day)) + second;
 }
 
 }  // namespace turntable

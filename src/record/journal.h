@@ -69,5 +69,7 @@ JournalReadout read_journal(const std::filesystem::path& file,
 std::string new_uid();
 /// Seconds since 1970, UTC.
 double unix_time_s();
+/// Of a time as the journal writes it ("2026-01-31T12:00:00.000Z"); NaN of anything else.
+double unix_time_of(const std::string& utc);
 
 }  // namespace turntable

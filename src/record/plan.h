@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -91,8 +92,10 @@ std::string pose_id(const PlannedPose& pose, std::string_view scenario_name, int
 /// Fills `index` and `id` of every pose.
 void number_poses(Plan& plan);
 
-/// plan.json, one line per pose (schema "plan").
+/// plan.json, one line per pose (schema "plan"), piece by piece.
+void write_plan(const Plan& plan, const std::function<void(std::string_view)>& write);
 std::string plan_text(const Plan& plan);
+std::string plan_sha256(const Plan& plan);  ///< of plan.json
 /// @throws ConfigError: not a plan, frozen copies or ids that do not match their hashes, ids that
 /// are not unique.
 Plan parse_plan(std::string_view text, const std::string& name);

@@ -2,7 +2,10 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
+#include <numeric>
 #include <unordered_map>
 
 #include "src/core/clock.h"
@@ -28,14 +31,21 @@ RunFolder RunFolder::create(const std::filesystem::path& root, const Plan& plan)
           "is not empty: a run is never written over another one. Choose a new folder.");
   }
   RunFolder folder(root);
-  for (const auto& path : {folder.root(), folder.images(), folder.tables(), folder.figures()}) {
-    std::filesystem::create_directories(path, error);
-    if (error)
-      throw RecordError(
-          fmt::format("{}: cannot be created: {}. Choose a folder that can be written.",
-                      path.string(), error.message()));
+  const auto parts = {folder.images(), folder.tables(), folder.figures()};
+  try {
+    for (const auto& path : parts) {
+      std::filesystem::create_directories(path, error);
+      if (error)
+        throw RecordError(
+            fmt::format("{}: cannot be created: {}. Choose a folder that can be written.",
+                        path.string(), error.message()));
+    }
+    write_atomically(folder.plan(), plan_text(plan));
+  } catch (const RecordError&) {
+    // Empty as it was, so that it can be tried again once there is room.
+    for (const auto& path : parts) std::filesystem::remove(path, error);
+    throw;
   }
-  write_atomically(folder.plan(), plan_text(plan));
   sync_folder(std::filesystem::absolute(root).parent_path());
   return folder;
 }
@@ -51,6 +61,12 @@ RunFolder RunFolder::open(const std::filesystem::path& root) {
 
 std::filesystem::path RunFolder::default_root(const std::string& name) {
   return std::filesystem::path("results") / "runs" / (utc_now_compact() + "-" + name);
+}
+
+RunFolder RunFolder::with_outputs_in(std::filesystem::path outputs) const {
+  RunFolder folder = *this;
+  folder.outputs_ = std::move(outputs);
+  return folder;
 }
 
 AxisReadback& TakenPose::axis(AxisId id) {
@@ -75,17 +91,60 @@ GimbalAngles TakenPose::angles() const {
   return {rad_from_deg(yaw.position), rad_from_deg(roll.position), rad_from_deg(pitch.position)};
 }
 
-RunRecord read_run(const RunFolder& folder) {
-  RunRecord record;
+std::size_t RunState::poses_taken() const {
+  return line_of_pose.size() -
+         static_cast<std::size_t>(std::ranges::count(line_of_pose, std::uint64_t{0}));
+}
+
+namespace {
+
+/// Compares both clocks from line to line.
+class ClockWatch {
+ public:
+  std::optional<ClockStep> step(const JournalEntry& entry) {
+    constexpr double kTolerance_s = 5.0;  // far beyond what a clock is slewed from line to line
+    // Another session's first line, or the stop document that it writes for one that was killed: any
+    // time may have passed, but none of it backwards, and the monotonic clock may have started again.
+    const bool another = entry.name == "start" || entry.name == "stop";
+    const double utc_s = unix_time_of(entry.utc);
+    const double step_s = utc_s - utc_s_ - (another ? 0.0 : entry.mono_s - mono_s_);
+    std::optional<ClockStep> found;
+    if (!utc_.empty() && (another ? step_s < -kTolerance_s : std::abs(step_s) > kTolerance_s))
+      found = ClockStep{entry.seq, utc_, entry.utc, step_s};
+    utc_ = entry.utc;
+    utc_s_ = utc_s;
+    mono_s_ = entry.mono_s;
+    return found;
+  }
+
+ private:
+  std::string utc_;
+  double utc_s_ = 0.0, mono_s_ = 0.0;
+};
+
+}  // namespace
+
+std::string clock_step_text(const ClockStep& step) {
+  return fmt::format("line {}: the wall clock {} by {:.1f} s, from {} to {}", step.line,
+                     step.step_s < 0.0 ? "was set back" : "jumped ahead", std::abs(step.step_s),
+                     step.from_utc, step.to_utc);
+}
+
+RunState read_run_state(const RunFolder& folder, const VisitPose& visit) {
+  RunState record;
   record.plan = load_plan(folder.plan());
-  std::unordered_map<std::string_view, std::size_t> index_of;
-  for (const PlannedPose& pose : record.plan.poses) index_of.emplace(pose.id, pose.index);
+  record.line_of_pose.assign(record.plan.poses.size(), 0);
+  std::vector<std::size_t> by_id(record.plan.poses.size());
+  std::iota(by_id.begin(), by_id.end(), std::size_t{0});
+  const auto id_of = [&](std::size_t i) -> const std::string& { return record.plan.poses[i].id; };
+  std::ranges::sort(by_id, {}, id_of);
 
   const std::string name = folder.journal().string();
-  std::vector<std::optional<TakenPose>> taken(record.plan.poses.size());
   std::unordered_map<std::string, std::string> stream_of;  // by descriptor
+  ClockWatch clocks;
   const auto readout = read_journal(folder.journal(), [&](const JournalEntry& entry) {
     try {
+      if (const auto step = clocks.step(entry)) record.clock_steps.push_back(*step);
       if (entry.name == "start") {
         RunSession& session = record.sessions.emplace_back();
         session.uid = entry.doc.at("uid");
@@ -106,19 +165,18 @@ RunRecord read_run(const RunFolder& folder) {
         ++session.events[stream];
         if (!entry.doc.at("data").contains("pose_id")) return;
         const auto id = entry.doc.at("data").at("pose_id").get<std::string>();
-        const auto found = index_of.find(id);
-        if (found == index_of.end())
+        const auto found = std::ranges::lower_bound(by_id, id, {}, id_of);
+        if (found == by_id.end() || id_of(*found) != id)
           throw ConfigError(
               name, "",
               fmt::format("line {} records pose {}, which the plan does not know. Plan and journal "
                           "are of different runs; restore the folder from a copy.",
                           entry.seq, id));
         TakenPose pose = pose_from_data(entry.doc.at("data"));
-        pose.planned = record.plan.poses[found->second];
-        if (stream == kOverlapStream)
-          record.overlaps.push_back(std::move(pose));
-        else
-          taken[found->second] = std::move(pose);
+        pose.planned = record.plan.poses[*found];
+        const bool overlap = stream == kOverlapStream;
+        if (!overlap) record.line_of_pose[*found] = entry.seq;
+        if (visit) visit(std::move(pose), overlap);
       } else if (entry.name == "stop") {
         session.exit_status = entry.doc.at("exit_status");
         session.reason = entry.doc.value("reason", "");
@@ -135,8 +193,23 @@ RunRecord read_run(const RunFolder& folder) {
     record.exit_status = record.sessions.back().exit_status;
     record.reason = record.sessions.back().reason;
   }
-  for (auto& pose : taken)
-    if (pose) record.poses.push_back(std::move(*pose));
+  return record;
+}
+
+RunRecord read_run(const RunFolder& folder) {
+  RunRecord record;
+  std::vector<TakenPose> taken;  // in the journal's order
+  static_cast<RunState&>(record) = read_run_state(folder, [&](TakenPose pose, bool overlap) {
+    (overlap ? record.overlaps : taken).push_back(std::move(pose));
+  });
+  const auto place = [](const TakenPose& pose) { return pose.planned.index; };
+  std::ranges::stable_sort(taken, {}, place);
+  for (TakenPose& pose : taken) {
+    if (!record.poses.empty() && place(record.poses.back()) == place(pose))
+      record.poses.back() = std::move(pose);
+    else
+      record.poses.push_back(std::move(pose));
+  }
   return record;
 }
 

@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
@@ -25,20 +26,24 @@ class RunFolder {
   static RunFolder open(const std::filesystem::path& root);
   /// results/runs/<UTC>-<name>
   static std::filesystem::path default_root(const std::string& name);
+  /// The same run, with everything that follows from it in another folder: to make it again beside
+  /// what is stored.
+  RunFolder with_outputs_in(std::filesystem::path outputs) const;
 
   const std::filesystem::path& root() const { return root_; }
   std::filesystem::path plan() const { return root_ / "plan.json"; }
   std::filesystem::path journal() const { return root_ / "journal.jsonl"; }
   std::filesystem::path images() const { return root_ / "images"; }
-  std::filesystem::path calibration() const { return root_ / "calibration.json"; }
-  std::filesystem::path poses() const { return root_ / "poses.csv"; }
-  std::filesystem::path tables() const { return root_ / "tables"; }
-  std::filesystem::path figures() const { return root_ / "figures"; }
-  std::filesystem::path report() const { return root_ / "report.md"; }
+  std::filesystem::path calibration() const { return outputs_ / "calibration.json"; }
+  std::filesystem::path evaluation() const { return outputs_ / "evaluation.json"; }
+  std::filesystem::path poses() const { return outputs_ / "poses.csv"; }
+  std::filesystem::path tables() const { return outputs_ / "tables"; }
+  std::filesystem::path figures() const { return outputs_ / "figures"; }
+  std::filesystem::path report() const { return outputs_ / "report.md"; }
 
  private:
-  explicit RunFolder(std::filesystem::path root) : root_(std::move(root)) {}
-  std::filesystem::path root_;
+  explicit RunFolder(std::filesystem::path root) : root_(std::move(root)), outputs_(root_) {}
+  std::filesystem::path root_, outputs_;
 };
 
 /// How one axis stood when a pose was taken; unit of the axis.
@@ -98,11 +103,23 @@ struct RunSession {
   std::string reason;
 };
 
-/// Plan and journal joined.
-struct RunRecord {
+/// The wall clock against the machine's monotonic one: somebody set it, or the machine slept. Order is
+/// by the journal's lines and never by the time of day, so that this harms nothing but ages.
+struct ClockStep {
+  std::uint64_t line = 0;        ///< of the journal: the first one after it
+  std::string from_utc, to_utc;  ///< of the line before, and of this one
+  double step_s = 0.0;           ///< beyond what passed; below zero = set back
+};
+/// "line 12: the wall clock was set back by 3600.0 s, from ... to ..."
+std::string clock_step_text(const ClockStep& step);
+
+/// Plan and journal joined, without what was measured: what it takes to go on with a run or to check
+/// it, however many poses it has.
+struct RunState {
   Plan plan;
-  std::vector<TakenPose>
-      poses;  ///< taken ones, in the plan's order; of a pose taken twice the later one
+  /// By place in the plan: the journal's line with the pose that counts, of a pose taken twice the
+  /// later one; 0 = not taken.
+  std::vector<std::uint64_t> line_of_pose;
   std::string
       start_document;       ///< JSON text of the first start document (provenance); empty if none
   std::string exit_status;  ///< of the last stop document: "success", "abort", "fail"; empty if
@@ -110,14 +127,26 @@ struct RunRecord {
   std::string reason;       ///< why it ended
   std::optional<std::string> torn;  ///< a last line that was cut off, if so
   std::vector<RunSession> sessions;
-  /// Poses that a resumed session took again beside those that count, to see what has changed.
-  std::vector<TakenPose> overlaps;
+  std::vector<ClockStep> clock_steps;
   JournalReadout journal;
 
-  bool complete() const { return poses.size() == plan.poses.size(); }
+  std::size_t poses_taken() const;
+  bool complete() const { return poses_taken() == plan.poses.size(); }
 };
 
-/// @throws ConfigError: damaged plan or journal, an event whose pose is not in the plan.
+/// With what was measured.
+struct RunRecord : RunState {
+  std::vector<TakenPose> poses;  ///< taken ones that count, in the plan's order
+  /// Poses that a resumed session took again beside those that count, to see what has changed.
+  std::vector<TakenPose> overlaps;
+};
+
+/// Called for every line with a pose, in the journal's order.
+using VisitPose = std::function<void(TakenPose pose, bool overlap)>;
+/// In memory that does not grow with the poses, apart from the plan. @throws ConfigError: damaged
+/// plan or journal, an event whose pose is not in the plan.
+RunState read_run_state(const RunFolder& folder, const VisitPose& visit = {});
+/// All of it. @throws ConfigError as above.
 RunRecord read_run(const RunFolder& folder);
 
 /// Reads an archived image and checks its hash. @throws ConfigError: altered, missing, or never

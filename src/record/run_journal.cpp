@@ -11,7 +11,7 @@ RunJournal::RunJournal(const RunFolder& folder, const Json& start)
   begin(start);
 }
 
-RunJournal::RunJournal(const RunFolder& folder, const Json& start, const RunRecord& before)
+RunJournal::RunJournal(const RunFolder& folder, const Json& start, const RunState& before)
     : journal_(folder.journal(), before.journal), run_(new_uid()) {
   if (before.sessions.empty()) {
     begin(start);

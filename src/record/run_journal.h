@@ -34,7 +34,7 @@ class RunJournal {
   RunJournal(const RunFolder& folder, const Json& start);
   /// Goes on with the journal of `before`. A session that was killed gets the stop document that it
   /// could not write.
-  RunJournal(const RunFolder& folder, const Json& start, const RunRecord& before);
+  RunJournal(const RunFolder& folder, const Json& start, const RunState& before);
 
   /// Axis positions (mm, deg) in the order of kAllAxes.
   void baseline(const std::array<double, kAllAxes.size()>& positions);

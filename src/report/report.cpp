@@ -208,7 +208,7 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
                                    const std::optional<CalibrationSet>& set,
                                    const Evaluation& evaluation,
                                    const std::vector<CameraComparison>& cameras) {
-  const auto tables = write_tables(folder, record.plan, evaluation, calibration);
+  const auto tables = write_tables(folder, record.plan, evaluation, calibration, cameras);
   std::filesystem::create_directories(folder.figures());
   std::vector<Draft> drafts = calibration_drafts(folder.figures(), calibration, set);
   for (Draft& draft : attitude_drafts(folder.figures(), record, evaluation))
@@ -247,11 +247,11 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
       "not the solver's. The published rows come from another rig: they are a yardstick, not a "
       "competitor.\n\n";
   for (const WrittenTable& t : tables)
-    if (t.name != "table1") md += fmt::format("### {}\n\n{}\n", t.title, t.markdown);
+    if (t.name != "table1" && t.name != "camera_solver")
+      md += fmt::format("### {}\n\n{}\n", t.title, t.markdown);
 
-  if (!cameras.empty() && !cameras.front().cells.empty() &&
-      cameras.front().cells.front().poses > 0) {
-    const WrittenTable t = write_camera_solver_table(folder, cameras);
+  for (const WrittenTable& t : tables) {
+    if (t.name != "camera_solver") continue;
     md += fmt::format(
         "## {}\n\n"
         "Every camera model with every solver, on the same image points. {} A change is taken over "
@@ -277,6 +277,8 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
     md += "## Simulated error budget\n\n" + simulation_budget(rig) + "\n";
   md += sessions_text(record);
   md += "## Provenance\n\n" + provenance_text(record);
+  for (const ClockStep& step : record.clock_steps)
+    md += fmt::format("- times of day are not of one clock: journal {}\n", clock_step_text(step));
   write_atomically(folder.report(), md);
   return folder.report();
 }

@@ -114,52 +114,7 @@ WrittenTable write_table1(const RunFolder& folder, const Calibration& calibratio
   return {"table1", title, md};
 }
 
-}  // namespace
-
-std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan,
-                                       const Evaluation& evaluation,
-                                       const Calibration& calibration) {
-  std::filesystem::create_directories(folder.tables());
-  std::vector<WrittenTable> written{write_table1(folder, calibration)};
-
-  std::map<std::string, std::vector<Row>> ours;  // by table name
-  std::map<std::string, std::string> titles;
-  std::map<std::string, std::map<std::pair<std::size_t, int>, int>>
-      numbers;                           // repeats numbered on over scenarios
-  std::map<std::string, int> published;  // number of the published table, by table name
-  std::vector<std::string> order{"table3", "table4", "table5"};
-  for (const RepeatStatistics& r : repeat_statistics(evaluation)) {
-    const ScenarioInfo& scenario = plan.scenarios[r.scenario];
-    // A scenario may be called what it likes; "table3" without belonging to it must not look like
-    // it.
-    const std::string name = scenario.table ? fmt::format("table{}", *scenario.table)
-                             : scenario.name.starts_with("table") ? "scenario_" + scenario.name
-                                                                  : scenario.name;
-    if (scenario.table) published[name] = *scenario.table;
-    titles[name] = scenario.table ? fmt::format("Table {}: {}", *scenario.table,
-                                                published_table(*scenario.table).title)
-                                  : scenario.title;
-    auto& numbered = numbers[name];
-    const int next = static_cast<int>(numbered.size()) + 1;
-    const int repeat = numbered.try_emplace({r.scenario, r.repeat}, next).first->second;
-    if (ours[name].empty() && !scenario.table) order.push_back(name);
-    ours[name].push_back(our_row(r, repeat));
-  }
-  for (const std::string& name : order) {
-    if (!ours.contains(name)) continue;
-    std::vector<Row> rows;
-    if (published.contains(name))
-      for (const PublishedRow& p : published_table(published[name]).rows)
-        rows.push_back(published_row(p));
-    // By solver, then repeat, as the paper prints them.
-    for (const Solver* solver : evaluation.solvers)
-      for (const Row& r : ours[name])
-        if (r.method == solver->name) rows.push_back(r);
-    written.push_back(write(folder, name, titles[name], rows));
-  }
-  return written;
-}
-
+/// What the camera model gains and what the solver gains, one group of rows per rig.
 WrittenTable write_camera_solver_table(const RunFolder& folder,
                                        const std::vector<CameraComparison>& comparisons) {
   Csv csv({"run", "camera", "solver", "poses", "failed", "rmse_total_deg", "rmse_lower_deg",
@@ -226,6 +181,54 @@ WrittenTable write_camera_solver_table(const RunFolder& folder,
   csv.write(folder.tables() / "camera_solver.csv");
   write_atomically(folder.tables() / "camera_solver.md", fmt::format("# {}\n\n{}", title, md));
   return {"camera_solver", title, md};
+}
+
+}  // namespace
+
+std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan,
+                                       const Evaluation& evaluation, const Calibration& calibration,
+                                       const std::vector<CameraComparison>& cameras) {
+  std::filesystem::create_directories(folder.tables());
+  std::vector<WrittenTable> written{write_table1(folder, calibration)};
+
+  std::map<std::string, std::vector<Row>> ours;  // by table name
+  std::map<std::string, std::string> titles;
+  std::map<std::string, std::map<std::pair<std::size_t, int>, int>>
+      numbers;                           // repeats numbered on over scenarios
+  std::map<std::string, int> published;  // number of the published table, by table name
+  std::vector<std::string> order{"table3", "table4", "table5"};
+  for (const RepeatStatistics& r : repeat_statistics(evaluation)) {
+    const ScenarioInfo& scenario = plan.scenarios[r.scenario];
+    // A scenario may be called what it likes; "table3" without belonging to it must not look like
+    // it.
+    const std::string name = scenario.table ? fmt::format("table{}", *scenario.table)
+                             : scenario.name.starts_with("table") ? "scenario_" + scenario.name
+                                                                  : scenario.name;
+    if (scenario.table) published[name] = *scenario.table;
+    titles[name] = scenario.table ? fmt::format("Table {}: {}", *scenario.table,
+                                                published_table(*scenario.table).title)
+                                  : scenario.title;
+    auto& numbered = numbers[name];
+    const int next = static_cast<int>(numbered.size()) + 1;
+    const int repeat = numbered.try_emplace({r.scenario, r.repeat}, next).first->second;
+    if (ours[name].empty() && !scenario.table) order.push_back(name);
+    ours[name].push_back(our_row(r, repeat));
+  }
+  for (const std::string& name : order) {
+    if (!ours.contains(name)) continue;
+    std::vector<Row> rows;
+    if (published.contains(name))
+      for (const PublishedRow& p : published_table(published[name]).rows)
+        rows.push_back(published_row(p));
+    // By solver, then repeat, as the paper prints them.
+    for (const Solver* solver : evaluation.solvers)
+      for (const Row& r : ours[name])
+        if (r.method == solver->name) rows.push_back(r);
+    written.push_back(write(folder, name, titles[name], rows));
+  }
+  if (!cameras.empty() && !cameras.front().cells.empty() && cameras.front().cells.front().poses > 0)
+    written.push_back(write_camera_solver_table(folder, cameras));
+  return written;
 }
 
 }  // namespace turntable

@@ -19,16 +19,12 @@ struct WrittenTable {
 };
 
 /// Writes tables/<name>.{csv,md}: table1 from the calibration; tables 3-5 as far as the run has
-/// scenarios for them, and one more per scenario that belongs to none. Repeats of several scenarios
-/// in one table are numbered on.
-/// @throws RecordError.
+/// scenarios for them, and one more per scenario that belongs to none (repeats of several scenarios in
+/// one table are numbered on); camera_solver, what the camera model gains and what the solver gains,
+/// if there is a pose to tell by. @param cameras this run's comparison first, then those of runs that
+/// are set beside it. @throws RecordError.
 std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan,
-                                       const Evaluation& evaluation,
-                                       const Calibration& calibration);
-
-/// Writes tables/camera_solver.{csv,md}: what the camera model gains and what the solver gains
-/// (src/evaluation/camera_comparison.h), one group of rows per rig. @throws RecordError.
-WrittenTable write_camera_solver_table(const RunFolder& folder,
-                                       const std::vector<CameraComparison>& comparisons);
+                                       const Evaluation& evaluation, const Calibration& calibration,
+                                       const std::vector<CameraComparison>& cameras);
 
 }  // namespace turntable

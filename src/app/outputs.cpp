@@ -1,0 +1,177 @@
+#include "src/app/outputs.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "src/app/commands.h"
+#include "src/app/progress.h"
+#include "src/app/provenance.h"
+#include "src/evaluation/calibrate.h"
+#include "src/record/atomic_file.h"
+#include "src/record/sha256.h"
+#include "src/report/report.h"
+
+namespace turntable {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// The solvers that a poses.csv has rows of, in its order.
+std::vector<const Solver*> solvers_in(const fs::path& poses) {
+  std::vector<const Solver*> solvers;
+  std::istringstream csv(read_text(poses));
+  std::string line;
+  std::getline(csv, line);  // header
+  while (std::getline(csv, line)) {
+    std::istringstream cells(line);
+    std::string cell;
+    for (int i = 0; i < 7; ++i)
+      std::getline(cells, cell, ',');  // index, id, scenario, repeat, point, role, solver
+    const Solver* solver = find_solver(cell);
+    if (solver == nullptr || std::ranges::find(solvers, solver) != solvers.end()) break;
+    solvers.push_back(solver);
+  }
+  return solvers;
+}
+
+/// What a stored calibration was made from, if it is this run's and its images are still there: only
+/// then do the residuals belong into the run's report.
+std::optional<CalibrationSet> sweep_behind(const Calibration& calibration, const RunRecord& record,
+                                           const RunFolder& folder, const RigFile& rig) {
+  if (!has_calibration_sweep(record.plan) || calibration.source != calibration_source(record.plan))
+    return {};
+  for (const TakenPose& pose : record.poses)
+    if (record.plan.scenario_of(pose.planned).kind == ScenarioKind::kCalibration)
+      for (const TakenImage& image : pose.images)
+        if (image.file.empty() || !fs::exists(folder.root() / image.file)) {
+          spdlog::warn(
+              "{}: the pattern's images are not all there; figures of the calibration are left "
+              "out.",
+              folder.root().string());
+          return {};
+        }
+  return sweep_set(record, folder, rig);
+}
+
+/// Of a run that is there already, from its stored points.
+CameraComparison stored_comparison(const RunFolder& folder) {
+  const RunRecord record = read_run(folder);
+  const RigFile rig = parse_rig_file(record.plan.rig.text, record.plan.rig.file, folder.root());
+  const Calibration calibration = load_calibration(folder.calibration());
+  EvaluateOptions options;
+  options.solvers = {&default_solver()};  // for the points
+  options.spots = SpotSource::kJournal;
+  return compare_cameras(evaluate(record, folder, rig, calibration, options), rig, calibration);
+}
+
+void write_evaluation_record(const EvaluationRecord& record, const fs::path& file) {
+  Json json{{"format", "turntable-evaluation/1"}, {"journal_lines", record.journal_lines},
+            {"solvers", Json::array()},           {"beside", record.beside},
+            {"poses_by", record.poses_by},        {"tables_by", record.tables_by}};
+  for (const Solver* solver : record.solvers) json["solvers"].push_back(solver->name);
+  if (!record.calibration_sha256.empty()) json["calibration_sha256"] = record.calibration_sha256;
+  write_atomically(file, json.dump(1) + "\n");
+}
+
+}  // namespace
+
+Outputs make_outputs(const RunFolder& folder, OutputOptions options) {
+  Outputs out;
+  out.record = read_run(folder);
+  const Plan& plan = out.record.plan;
+  out.rig = parse_rig_file(plan.rig.text, plan.rig.file, folder.root());
+  if (out.record.torn) spdlog::warn("{}: {}", folder.journal().string(), *out.record.torn);
+
+  if (options.calibration) {
+    out.calibration = *options.calibration;
+    out.set = sweep_behind(out.calibration, out.record, folder, out.rig);
+  } else if (has_calibration_sweep(plan)) {
+    ProgressLine line("calibrating");
+    out.set = sweep_set(out.record, folder, out.rig, [&](std::size_t done, std::size_t total) {
+      line.update(done, total, "images");
+    });
+    out.calibration = calibrate(*out.set);
+  } else {
+    out.calibration = load_calibration(folder.calibration());
+  }
+  {
+    ProgressLine line("evaluating");
+    options.evaluate.progress = [&](std::size_t done, std::size_t total) {
+      line.update(done, total, "poses");
+    };
+    out.evaluation = evaluate(out.record, folder, out.rig, out.calibration, options.evaluate);
+  }
+  out.cameras.push_back(compare_cameras(out.evaluation, out.rig, out.calibration));
+  for (const RunFolder& other : options.beside) out.cameras.push_back(stored_comparison(other));
+  return out;
+}
+
+int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrite) {
+  const Outputs made = make_outputs(folder, options);
+  const Plan& plan = made.record.plan;
+  EvaluationRecord how;
+  if (rewrite == Rewrite::kAll) {
+    const std::string calibration = calibration_to_json(made.calibration);
+    write_atomically(folder.calibration(), calibration);
+    write_poses_csv(made.evaluation, plan, folder.poses());
+    how.journal_lines = made.record.journal.next_seq - 1;
+    how.solvers = made.evaluation.solvers;
+    if (options.calibration || !has_calibration_sweep(plan))
+      how.calibration_sha256 = sha256_hex(calibration);
+    how.poses_by = program_provenance();
+  } else {
+    how = read_evaluation_record(folder, plan);
+  }
+  how.tables_by = program_provenance();
+  how.beside.clear();
+  for (const RunFolder& other : options.beside)
+    how.beside.push_back(fs::absolute(other.root()).lexically_normal().string());
+  const fs::path report = write_report(folder, made.record, made.rig, made.calibration, made.set,
+                                       made.evaluation, made.cameras);
+  write_evaluation_record(how, folder.evaluation());
+
+  for (const PlaneResidual& p : made.calibration.planes)
+    fmt::print("camera: plane {:8.3f} mm ({}): residual {:.4f} mm rms, {:.4f} mm max, {} circles\n",
+               p.z_mm, p.fitted ? "fitted" : "kept out", p.rms_mm, p.max_mm, p.points);
+  for (const RepeatStatistics& r : repeat_statistics(made.evaluation))
+    fmt::print("{:<14} repeat {}  {:<18} total RMSE {:.4f} deg  {} poses, {} failed\n",
+               plan.scenarios[r.scenario].name, r.repeat, r.solver->name,
+               r.statistics.rmse_total_deg, r.statistics.poses, r.statistics.failed);
+  const std::size_t failed = failed_results(made.evaluation);
+  if (failed > 0)
+    spdlog::warn("{} results failed; poses.csv and report.md say which and why.", failed);
+  if (made.rig.simulated())
+    fmt::print("These results are simulated (seed {}).\n", made.rig.simulation->seed);
+  fmt::print("report: {}\n", report.string());
+  return failed > 0 ? kFailedPoses : kDone;
+}
+
+EvaluationRecord read_evaluation_record(const RunFolder& folder, const Plan& plan) {
+  EvaluationRecord how;
+  if (fs::exists(folder.evaluation())) {
+    const Json json = load_json(folder.evaluation(), "evaluation");
+    how.journal_lines = json.at("journal_lines");
+    for (const Json& name : json.at("solvers"))
+      if (const Solver* solver = find_solver(name.get<std::string>()))
+        how.solvers.push_back(solver);
+    how.calibration_sha256 = json.value("calibration_sha256", "");
+    how.beside = json.at("beside").get<std::vector<std::string>>();
+    how.poses_by = json.at("poses_by");
+    how.tables_by = json.at("tables_by");
+    return how;
+  }
+  how.journal_lines = read_journal(folder.journal(), [](const JournalEntry&) {}).next_seq - 1;
+  if (fs::exists(folder.poses())) how.solvers = solvers_in(folder.poses());
+  if (fs::exists(folder.calibration()) &&
+      (!has_calibration_sweep(plan) ||
+       load_calibration(folder.calibration()).source != calibration_source(plan)))
+    how.calibration_sha256 = sha256_hex(read_text(folder.calibration()));
+  how.poses_by = how.tables_by = Json::object();
+  return how;
+}
+
+}  // namespace turntable

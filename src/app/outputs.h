@@ -1,0 +1,53 @@
+// Everything that follows from the images of a run: calibration, poses.csv, tables/, figures/,
+// report.md. Made by run, resume, evaluate and report, and made again by verify, all in one way.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "src/evaluation/calibration_set.h"
+#include "src/evaluation/camera_comparison.h"
+#include "src/evaluation/evaluate.h"
+
+namespace turntable {
+
+struct OutputOptions {
+  /// Instead of one from the run's own sweep. Nothing, and no sweep in the plan: the stored one.
+  std::optional<Calibration> calibration;
+  EvaluateOptions evaluate;
+  std::vector<RunFolder> beside;  ///< runs whose cameras are set beside this one's
+};
+
+/// What is written, before it is.
+struct Outputs {
+  RunRecord record;
+  RigFile rig;
+  Calibration calibration;
+  std::optional<CalibrationSet> set;  ///< what the calibration was made from, if by this run
+  Evaluation evaluation;
+  std::vector<CameraComparison> cameras;
+};
+Outputs make_outputs(const RunFolder& folder, OutputOptions options);
+
+enum class Rewrite {
+  kAll,     ///< also calibration.json and poses.csv
+  kTables,  ///< these stay: tables, figures and report only
+};
+/// Makes and writes them, and evaluation.json, which says how; prints what came out. @return exit
+/// code.
+int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrite);
+
+/// How the stored outputs were made: evaluation.json.
+struct EvaluationRecord {
+  std::uint64_t journal_lines = 0;     ///< that poses.csv follows from
+  std::vector<const Solver*> solvers;  ///< known ones
+  std::string calibration_sha256;      ///< of calibration.json, if given; empty: from the own sweep
+  std::vector<std::string> beside;     ///< folders
+  Json poses_by, tables_by;            ///< `program_provenance`; null if not known
+};
+/// Of a run that was evaluated before there was such a file: what poses.csv and calibration.json
+/// tell. @throws ConfigError.
+EvaluationRecord read_evaluation_record(const RunFolder& folder, const Plan& plan);
+
+}  // namespace turntable

@@ -1,0 +1,157 @@
+// "turntable verify": is a run still what was recorded, and does everything follow from it again?
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <spdlog/spdlog.h>
+#include <stdlib.h>
+
+#include <nlohmann/json.hpp>
+
+#include "src/app/commands.h"
+#include "src/app/outputs.h"
+#include "src/app/progress.h"
+#include "src/app/provenance.h"
+#include "src/core/errors.h"
+#include "src/record/atomic_file.h"
+#include "src/record/sha256.h"
+#include "src/record/verify.h"
+#include "src/report/tables.h"
+
+namespace turntable {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// A folder that is gone with this object.
+struct Scratch {
+  Scratch() {
+    std::string name = (fs::temp_directory_path() / "turntable-verify-XXXXXX").string();
+    if (::mkdtemp(name.data()) == nullptr)
+      throw RecordError(fmt::format(
+          "{}: no folder can be made to evaluate the run again in. Name another in TMPDIR, or give "
+          "--record-only.",
+          name));
+    path = name;
+  }
+  ~Scratch() {
+    std::error_code ignored;
+    fs::remove_all(path, ignored);
+  }
+  Scratch(const Scratch&) = delete;
+  Scratch& operator=(const Scratch&) = delete;
+  fs::path path;
+};
+
+/// What to do about a difference, and what may explain it.
+std::string advice(const RunFolder& folder, const Json& made_by) {
+  const std::vector<std::string> changes = program_changes(made_by);
+  return fmt::format("{}\"turntable evaluate {}\" makes it anew.",
+                     changes.empty()
+                         ? ""
+                         : fmt::format("It was made by another program than this one ({}). ",
+                                       fmt::join(changes, "; ")),
+                     folder.root().string());
+}
+
+/// Evaluates the run again, in another folder, and compares.
+void verify_outputs(const RunFolder& folder, RunFindings& findings) {
+  std::error_code error;
+  const auto empty = [&](const fs::path& at) {
+    return !fs::exists(at, error) || fs::is_empty(at, error);
+  };
+  if (empty(folder.poses()) && empty(folder.evaluation()) && empty(folder.tables())) {
+    findings.remarks.push_back(
+        fmt::format("the run has not been evaluated yet; \"turntable evaluate {}\" does it",
+                    folder.root().string()));
+    return;
+  }
+  const RunRecord record = read_run(folder);
+  const EvaluationRecord how = read_evaluation_record(folder, record.plan);
+  if (how.journal_lines != record.journal.next_seq - 1) {
+    findings.remarks.push_back(fmt::format(
+        "the run was evaluated when its journal had {} lines, and has {} now: nothing to compare "
+        "with; \"turntable evaluate {}\" does it again",
+        how.journal_lines, record.journal.next_seq - 1, folder.root().string()));
+    return;
+  }
+  OutputOptions options;
+  options.evaluate.solvers = how.solvers;
+  if (!how.calibration_sha256.empty()) {
+    const std::string found = sha256_hex(read_text(folder.calibration()));
+    if (found != how.calibration_sha256)
+      throw ConfigError(
+          folder.calibration().string(), "",
+          "is not the one that the run was evaluated with: its SHA-256 is not that of "
+          "evaluation.json. " +
+              advice(folder, how.poses_by));
+    options.calibration = load_calibration(folder.calibration());
+    const auto at_start =
+        Json::parse(record.start_document).value("/provenance/calibration_sha256"_json_pointer, "");
+    if (!at_start.empty() && at_start != found)
+      findings.remarks.push_back(
+          fmt::format("{}: is not the one that the run began with", folder.calibration().string()));
+  }
+  bool beside_are_there = true;
+  for (const std::string& other : how.beside) {
+    try {
+      options.beside.push_back(RunFolder::open(other));
+      (void)read_run(options.beside.back());
+      (void)load_calibration(options.beside.back().calibration());
+    } catch (const ConfigError& e) {
+      beside_are_there = false;
+      findings.remarks.push_back(fmt::format(
+          "tables/camera_solver sets a run beside this one that cannot be read, and was "
+          "not made again: {}",
+          e.what()));
+    }
+  }
+  if (!beside_are_there) options.beside.clear();
+
+  const Scratch scratch;
+  const RunFolder again = folder.with_outputs_in(scratch.path);
+  const Outputs made = make_outputs(folder, std::move(options));
+  write_atomically(again.calibration(), calibration_to_json(made.calibration));
+  write_poses_csv(made.evaluation, made.record.plan, again.poses());
+  write_tables(again, made.record.plan, made.evaluation, made.calibration, made.cameras);
+  if (!beside_are_there)
+    for (const char* name : {"camera_solver.csv", "camera_solver.md"})
+      if (fs::exists(folder.tables() / name, error))
+        fs::copy_file(folder.tables() / name, again.tables() / name,
+                      fs::copy_options::overwrite_existing);
+  const std::string about_poses = advice(folder, how.poses_by);
+  compare_outputs(folder.calibration(), again.calibration(), about_poses, findings);
+  compare_outputs(folder.poses(), again.poses(), about_poses, findings);
+  compare_outputs(folder.tables(), again.tables(), advice(folder, how.tables_by), findings);
+}
+
+}  // namespace
+
+int verify_command(const VerifyArguments& a) {
+  const RunFolder folder = RunFolder::open(a.run);
+  RunFindings findings;
+  {
+    ProgressLine line("verifying");
+    findings = verify_run(
+        folder, [&](std::size_t done, std::size_t total) { line.update(done, total, "poses"); });
+  }
+  if (!a.record_only) {
+    if (findings.sound()) {
+      try {
+        verify_outputs(folder, findings);
+      } catch (const ConfigError& e) {
+        findings.damage.push_back(e.what());
+      }
+    } else {
+      findings.remarks.push_back("what follows from the record was not made again: it is damaged");
+    }
+  }
+  fmt::print("journal: {} lines, images: {}, files made again: {}\n", findings.lines,
+             findings.images, findings.outputs);
+  for (const std::string& remark : findings.remarks) fmt::print("remark: {}\n", remark);
+  for (const std::string& what : findings.damage) spdlog::error("{}", what);
+  if (!findings.sound()) return kFailedPoses;
+  fmt::print("The record is as it was written{}.\n",
+             findings.outputs > 0 ? ", and what follows from it is the same again" : "");
+  return kDone;
+}
+
+}  // namespace turntable
