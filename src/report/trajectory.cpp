@@ -18,9 +18,13 @@ int column_of(AxisId axis) {
   return axis == AxisId::kStage ? 3 : axis == AxisId::kYaw ? 4 : axis == AxisId::kRoll ? 5 : 6;
 }
 
+/// With a little room around the data, so that no line lies on the frame.
 std::string placed(const Panel& p) {
-  return fmt::format("set origin {:.5f},{:.5f}\nset size {:.5f},{:.5f}\n", p.x, p.y, p.width,
-                     p.height);
+  return fmt::format(
+      "set autoscale fix\n"
+      "set offsets graph 0.01, graph 0.01, graph 0.05, graph 0.05\n"
+      "set origin {:.5f},{:.5f}\nset size {:.5f},{:.5f}\n",
+      p.x, p.y, p.width, p.height);
 }
 
 /// In single quotes, where gnuplot takes everything as it is but these and the end of a line.
@@ -112,11 +116,7 @@ std::string plan_picture(const Plan& plan, const std::vector<PhaseTimes>& times)
   Draft draft;
   draft.figure.name = "trajectory";
   draft.size = fmt::format("1100,{:.0f}", height);
-  draft.commands = fmt::format(
-      "set multiplot title {} font ',16'\nset autoscale fix\nset offsets graph 0.01, graph 0.01, "
-      "graph 0.05, graph "
-      "0.05\n",
-      quoted(plan.title));
+  draft.commands = fmt::format("set multiplot title {} font ',16'\n", quoted(plan.title));
   for (std::size_t k = 0; k < rows.size(); ++k) {
     const ScenarioInfo& s = plan.scenarios[k];
     const Rows& r = rows[k];
