@@ -29,6 +29,7 @@ class FolderCamera final : public Camera {
   /// exposures. Only a pose that is visited again within the same repeat may get the same file: a
   /// layout of angles gives the reference pose and a measured pose at zero one image.
   void check(std::span<const Exposure> exposures) const override;
+  bool exposes() const override { return !config_.replay; }
   void announce(const Exposure& exposure) override { announced_ = exposure; }
   /// Waits for a file that was not there before and has stopped growing; the first in order.
   /// In replay: the next file, or the one of the announced exposure.

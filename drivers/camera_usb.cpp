@@ -79,6 +79,7 @@ class UsbCamera final : public Camera {
                        config_.image_size.height);
   }
   ImageSize image_size() const override { return config_.image_size; }
+  bool exposes() const override { return is_device_; }
 
   Frame trigger() override {
     const Silence silence;

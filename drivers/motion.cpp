@@ -23,7 +23,8 @@ class Stopped : public DeviceError {
 // pulse needs.
 constexpr double kLatency_s = 0.1;
 constexpr double kSlackPulses = 10;
-constexpr int kOddReads = 3;  // a late answer to an earlier question looks odd once
+constexpr int kOddReads = 3;               // a late answer to an earlier question looks odd once
+constexpr double kExpectedLate_s = 0.002;  // pulses are counted in whole ones, and bytes take time
 constexpr double kHaltPoll_s = 0.02;
 constexpr double kHalted_s = 0.05;
 
@@ -52,20 +53,23 @@ template <class Q>
 void MotionAxis<Q>::check(Q target) const {
   constexpr double kRounding = 1e-9;
   const double b = config_.backlash;
-  const double lower = config_.lower + std::max(b, 0.0);
-  const double upper = config_.upper + std::min(b, 0.0);
+  const double lower = config_.reach_lower() + std::max(b, 0.0);
+  const double upper = config_.reach_upper() + std::min(b, 0.0);
   if (target.value >= lower - kRounding && target.value <= upper + kRounding)
     return;  // false for NaN
-  const std::string room =
-      b == 0.0 ? std::string()
-               : fmt::format(
-                     " (limits [{:g}, {:g}] less the overshoot of {:g} for the one-sided approach)",
-                     config_.lower, config_.upper, std::abs(b));
-  throw LimitError(
-      fmt::format("axis {}: asked for {}, allowed [{:g}, {:g}] {}{}. Nothing was sent. Ask for "
-                  "less, or widen the limits "
-                  "in the rig file if the stage allows it.",
-                  name_, shown(target), lower, upper, Q::unit(), room));
+  const bool cable = target.value < lower ? config_.cable_lower > config_.lower
+                                          : config_.cable_upper < config_.upper;
+  const std::string_view bound = cable ? "cable range" : "limits";
+  std::string room;
+  if (b != 0.0)
+    room = fmt::format(" ({} [{:g}, {:g}] less the overshoot of {:g} for the one-sided approach)",
+                       bound, config_.reach_lower(), config_.reach_upper(), std::abs(b));
+  else if (cable)
+    room = fmt::format(" ({})", bound);
+  throw LimitError(fmt::format(
+      "axis {}: asked for {}, allowed [{:g}, {:g}] {}{}. Nothing was sent. Ask for "
+      "less, or widen the {} in the rig file if the {} allows it.",
+      name_, shown(target), lower, upper, Q::unit(), room, bound, cable ? "cable" : "stage"));
 }
 
 template <class Q>
@@ -100,12 +104,12 @@ double MotionAxis<Q>::stall_seconds() const {
   return timing_.stall + 3 * timing_.poll + (slowest > 0 ? 2 * config_.per_step() / slowest : 0.0);
 }
 
-/// The grid must not lead outside a limit that the controller enforces too.
+/// The grid must not lead outside a limit, which the controller may enforce too.
 template <class Q>
 Q MotionAxis<Q>::goal_on_grid(Q target) const {
   Steps steps = scale_.to_steps(target);
-  if (scale_.from_steps(steps).value > config_.upper) --steps.count;
-  if (scale_.from_steps(steps).value < config_.lower) ++steps.count;
+  if (scale_.from_steps(steps).value > config_.reach_upper()) --steps.count;
+  if (scale_.from_steps(steps).value < config_.reach_lower()) ++steps.count;
   return scale_.from_steps(steps);
 }
 
@@ -301,7 +305,24 @@ void MotionAxis<Q>::send_leg() {
   move_.acknowledged =
       same_pulse(from, to) ? Acknowledgement::kReceived : port_->start_move(from, to);
   move_.last_change = clock_->now();
-  next_poll_ = clock_->now() + from_seconds(timing_.poll);
+  move_.due = move_.last_change + from_seconds(trapezoid_seconds(config_, (to - from).value));
+  schedule_poll();
+}
+
+/// While an axis moves, its status is read as often as `poll` says, and once more just when it should
+/// have ended; if it is late, four times as often for two intervals. A campaign is thousands of
+/// moves, and half an interval lost at the end of each is a twentieth of the night.
+template <class Q>
+void MotionAxis<Q>::schedule_poll() {
+  const Time now = clock_->now();
+  const Time poll = from_seconds(timing_.poll);
+  next_poll_ = now + poll;
+  if (phase_ != Phase::kMoving) return;
+  const Time expected = move_.due + from_seconds(kExpectedLate_s);
+  if (now < expected)
+    next_poll_ = std::min(next_poll_, expected);
+  else if (now < expected + 2 * poll)
+    next_poll_ = now + poll / 4;
 }
 
 template <class Q>
@@ -351,7 +372,7 @@ bool MotionAxis<Q>::advance() {
     }
     const auto lock = port_->lock();
     throw_if_stopped(generation);
-    next_poll_ = clock_->now() + from_seconds(timing_.poll);
+    schedule_poll();
     return carry_on(status);
   });
 }
@@ -442,7 +463,9 @@ bool MotionAxis<Q>::leg_ended(const AxisStatus<Q>& status, Time now) {
     // A controller's "ended" may be left over from the move before: believed where the axis is at
     // its goal or stands still.
     if (status.motion == Motion::kEnded) {
-      if (at_goal || (unchanged && move_.seen_ended)) return true;
+      const bool stands =
+          unchanged && move_.seen_ended && now - move_.last_change >= from_seconds(timing_.poll);
+      if (at_goal || stands) return true;
       move_.seen_ended = true;
     }
     // Where the controller cannot tell, standing still at the goal is the end; but a counter at 0

@@ -3,8 +3,8 @@
 // leaves; homed and configured, or nothing moves; one-sided approach; each command sent once; a
 // deadline from distance, speed and ramps, and a stall watchdog; in-position window held for the
 // settle time; retries, then a flagged miss. Limit switches, emergency stop and alarms end a move
-// and lose the reference. Positions are never wrapped: the soft limits of a rotary axis are what
-// its cables allow.
+// and lose the reference. Positions are never wrapped: limits and cable range of a rotary axis
+// count from home.
 #pragma once
 
 #include <atomic>
@@ -70,7 +70,9 @@ class MotionAxis final : public Axis<Q> {
   MotionAxis(const AxisConfig& config, AxisPort<Q>& port, Clock& clock, MotionTiming timing = {});
 
   const std::string& name() const override { return name_; }
-  AxisLimits<Q> limits() const override { return {{config_.lower}, {config_.upper}}; }
+  AxisLimits<Q> limits() const override {
+    return {{config_.reach_lower()}, {config_.reach_upper()}};
+  }
   void check(Q target) const override;
   bool homed() const override { return homed_; }
   void home() override;
@@ -108,6 +110,7 @@ class MotionAxis final : public Axis<Q> {
     std::optional<Q> via;  ///< where the overshoot ends, while that is still to be reached
     Q leg_start{}, leg_goal{};
     Time leg_began{0}, deadline{0};  ///< while waiting: since when, and for how long
+    Time due{0};                     ///< when the leg should have ended
     Acknowledgement acknowledged{};
     Q last_position{};
     Time last_change{0};
@@ -129,6 +132,7 @@ class MotionAxis final : public Axis<Q> {
   void begin_approach(Q from);
   void begin_leg(Q from, Q to);
   void send_leg();
+  void schedule_poll();
   void wait_for_turn();
   bool carry_on(const AxisStatus<Q>& status);
   bool leg_ended(const AxisStatus<Q>& status, Time now);

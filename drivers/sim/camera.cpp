@@ -60,4 +60,16 @@ Frame SimulatedCamera::trigger() {
                   frame_timeout_s_, exposed_ ? fmt::format(" (frame {})", exposed_->id) : ""));
 }
 
+Frame SimulatedCamera::try_out() {
+  const std::uint64_t next = next_id_;
+  try {
+    Frame frame = trigger();
+    next_id_ = next;
+    return frame;
+  } catch (...) {
+    next_id_ = next;
+    throw;
+  }
+}
+
 }  // namespace turntable::sim

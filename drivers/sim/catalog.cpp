@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <numbers>
 
 #include "drivers/sim/leadshine.h"
 #include "drivers/sim/mc600.h"
@@ -35,6 +37,11 @@ std::unique_ptr<ControllerSimulator> simulate_controller(std::string_view model,
                       fmt::format("found model \"{}\", simulated: {}.", model, known));
   }
   return row->make(setup);
+}
+
+double simulated_reading(const ChannelConfig& channel, Time now) {
+  return channel.mean +
+         channel.amplitude * std::sin(2.0 * std::numbers::pi * seconds(now) / channel.period_s);
 }
 
 }  // namespace turntable::sim

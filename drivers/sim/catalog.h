@@ -20,4 +20,7 @@ std::span<const SimulatorModel> simulator_models();
 std::unique_ptr<ControllerSimulator> simulate_controller(std::string_view model,
                                                          const SimulatorSetup& setup);
 
+/// A channel of telemetry whose source is simulated, before scale and offset: a sine of the time.
+double simulated_reading(const ChannelConfig& channel, Time now);
+
 }  // namespace turntable::sim

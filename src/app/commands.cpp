@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <poll.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
@@ -22,6 +23,7 @@
 #include "src/record/atomic_file.h"
 #include "src/record/sha256.h"
 #include "src/record/verify.h"
+#include "src/report/trajectory.h"
 
 namespace turntable {
 namespace {
@@ -154,6 +156,75 @@ void refuse_changes(const fs::path& run, const std::vector<std::string>& differe
                   fmt::join(differences, "\n  ")));
 }
 
+void print_check(const DeviceCheck& check, const RigFile& rig) {
+  if (check.frame_s)
+    fmt::print("camera: a test exposure came after {:.0f} ms, grey {} to {}\n",
+               1000.0 * *check.frame_s, check.darkest, check.brightest);
+  if (!check.telemetry) return;
+  for (std::size_t i = 0; i < rig.telemetry.channels.size(); ++i) {
+    const ChannelConfig& channel = rig.telemetry.channels[i];
+    const auto& value = check.telemetry->values[i];
+    fmt::print("{}: {}\n", channel.name,
+               value ? fmt::format("{:.6g} {}", *value, channel.unit) : "cannot be read");
+  }
+  if (!check.telemetry->trouble.empty()) spdlog::warn("telemetry: {}", check.telemetry->trouble);
+}
+
+/// Tells a person why nothing moves, once each time, and lets Enter end a pause.
+class Waiting {
+ public:
+  explicit Waiting(fs::path root) : root_(std::move(root)) {}
+  void look(const Progress& p) {
+    const bool paused = p.phase == "paused";
+    if (p.phase != said_ && paused)
+      spdlog::info(
+          "paused after {} of {} poses. {}\"turntable resume {}\" goes on; Ctrl-C ends it.", p.done,
+          p.total, terminal() ? "Enter or " : "", root_.string());
+    if (p.phase != said_ && p.phase == "suspended") spdlog::warn("suspended: {}", p.reason);
+    said_ = p.phase;
+    if (paused && terminal() && entered()) request_pause(false);
+  }
+
+ private:
+  /// And this program is the one that it listens to.
+  static bool terminal() {
+    return ::isatty(STDIN_FILENO) != 0 && ::tcgetpgrp(STDIN_FILENO) == ::getpgrp();
+  }
+  static bool entered() {
+    pollfd input{STDIN_FILENO, POLLIN, 0};
+    char byte = 0;
+    bool line = false;
+    while (::poll(&input, 1, 0) > 0 && ::read(STDIN_FILENO, &byte, 1) == 1)
+      line = line || byte == '\n';
+    return line;
+  }
+  fs::path root_;
+  std::string said_;
+};
+
+/// Where the time went, so that people see what is worth making faster.
+void print_times(const AcquireSummary& s) {
+  const auto row = [&](std::string_view phase, double seconds) {
+    if (seconds >= 0.05)
+      fmt::print("  {:<34} {:>10.1f} s  {:>5.1f} %\n", phase, seconds, 100.0 * seconds / s.rig_s);
+  };
+  const double named =
+      s.homing_s + s.mount_s + s.motion_s + s.settle_s + s.trigger_s + s.transfer_s + s.held_s;
+  fmt::print("time on the rig's clock:\n");
+  row("homing", s.homing_s);
+  row("changing the payload", s.mount_s);
+  row("motion", s.motion_s);
+  row("settling", s.settle_s);
+  row("triggers", s.trigger_s);
+  row("exposure and transfer", s.transfer_s);
+  row("paused or suspended", s.held_s);
+  row("other", s.rig_s - named);
+  fmt::print(
+      "  by the wall: archiving {:.1f} s beside the motion, {:.1f} s waited for; looking at "
+      "images {:.1f} s\n",
+      s.archive_s, s.waited_s, s.inspect_s);
+}
+
 /// @param folder is there as soon as it has been made.
 AcquireSummary take_poses(const Taking& taking, std::optional<RunFolder>& folder) {
   const TakeArguments& a = taking.arguments;
@@ -165,7 +236,9 @@ AcquireSummary take_poses(const Taking& taking, std::optional<RunFolder>& folder
   Rig rig = open_rig(taking.rig, {a.configure, a.assume_mounted, a.wire_log, a.speed});
   fmt::print("devices:\n");
   print_list(rig.identities);
-  check_devices(rig, taking.rig, taking.plan, taking.options);
+  AcquireOptions options = taking.options;
+  options.overheads = known_overheads(taking.rig.name).value_or(Overheads{});
+  print_check(check_devices(rig, taking.rig, taking.plan, options), taking.rig);
   std::vector<std::string> changes;
   if (before == nullptr) {
     folder = RunFolder::create(taking.root, taking.plan);
@@ -191,8 +264,14 @@ AcquireSummary take_poses(const Taking& taking, std::optional<RunFolder>& folder
   };
   try {
     ProgressLine line("taking poses");
-    return acquire(rig, taking.rig, taking.plan, *folder, start, taking.options,
-                   [&](const Progress& p) { line.update(p.done, p.total, p.phase, p.eta_s); });
+    Waiting waiting(folder->root());
+    const AcquireSummary summary =
+        acquire(rig, taking.rig, taking.plan, *folder, start, options, [&](const Progress& p) {
+          line.update(p.done, p.total, p.phase, p.eta_s);
+          waiting.look(p);
+        });
+    remember_overheads(taking.rig.name, summary.overheads);
+    return summary;
   } catch (const NotStopped&) {
     kept("");
     throw;
@@ -210,6 +289,12 @@ int take_and_finish(const Taking& taking, const EvaluateOptions& options,
   const RunFolder& folder = *made;
   fmt::print("{} poses taken: {} on the rig's clock, {} by the wall\n", summary.poses,
              duration_text(summary.rig_s), duration_text(summary.wall_s));
+  print_times(summary);
+  if (summary.retakes + summary.trigger_retries + summary.doubtful > 0)
+    fmt::print(
+        "{} images were bad and taken again, {} triggers were repeated, {} poses are kept with "
+        "a complaint (see the journal)\n",
+        summary.retakes, summary.trigger_retries, summary.doubtful);
   try {
     const int code = write_outputs(folder, {taking.calibration, options, beside}, Rewrite::kAll);
     return code == kDone && summary.failed > 0 ? kFailedPoses : code;
@@ -248,6 +333,10 @@ std::vector<std::string> changed_files(const Plan& plan) {
 }  // namespace
 
 int plan_command(const PlanArguments& a) {
+  if (!a.picture.empty() && a.picture.extension() != ".svg")
+    throw ConfigError(
+        "--picture", "",
+        fmt::format("found {}, allowed: a name that ends in .svg.", a.picture.string()));
   const RigFile rig = load_rig_file(a.rig);
   Campaign campaign = load_campaign(a.scenario);
   provide_calibration(campaign, rig, a.calibration);
@@ -264,8 +353,12 @@ int plan_command(const PlanArguments& a) {
   }
   if (!orders.empty()) fmt::print("\n");
   if (!a.csv.empty()) {
-    write_plan_csv(plan, a.csv);
+    write_plan_csv(plan, rig, a.csv);
     fmt::print("poses: {}\n", a.csv.string());
+  }
+  if (!a.picture.empty()) {
+    write_atomically(a.picture, plan_picture(plan, pose_times(plan, rig)));
+    fmt::print("picture: {}\n", a.picture.string());
   }
   return kDone;
 }

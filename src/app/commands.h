@@ -22,7 +22,7 @@ enum ExitCode {
 };
 
 struct PlanArguments {
-  std::filesystem::path scenario, rig, csv, out;
+  std::filesystem::path scenario, rig, csv, picture, out;
   std::filesystem::path calibration;
   std::string images = "regions";
 };

@@ -108,7 +108,10 @@ int main(int argc, char** argv) {
       app.add_subcommand("plan", "Check a scenario or campaign against a rig; move nothing");
   plan_verb->add_option("scenario", plan.scenario, "scenario or campaign file")->required();
   plan_verb->add_option("--rig", plan.rig, "rig file")->required();
-  plan_verb->add_option("--csv", plan.csv, "write every pose to this file");
+  plan_verb->add_option("--csv", plan.csv,
+                        "write every pose to this file, with its time and where it should be seen");
+  plan_verb->add_option("--picture", plan.picture,
+                        "draw the way of the turntable to this .svg file, with gnuplot");
   plan_verb->add_option("--out", plan.out, "run folder to be, for the disk space check");
   plan_verb->add_option("--calibration", plan.calibration, "camera calibration instead of a sweep");
   plan_verb->add_option("--images", plan.images, image_modes)->capture_default_str();
@@ -182,7 +185,12 @@ int main(int argc, char** argv) {
           "  turntable run scenarios/campaigns/quick.json --rig scenarios/rigs/simulated.json\n"
           "  turntable run scenarios/uniaxial_z.json --rig scenarios/rigs/ideal.json --solver "
           "aopit,aopit_ray\n\n") +
-      "Ctrl-C finishes the pose and ends; a second one stops the axes at once.\n" + kExitCodes);
+      "Ctrl-C finishes the pose and pauses; Enter, or \"turntable resume RUN\", goes on. A second "
+      "one "
+      "stops the axes and ends\nthe run, which \"turntable resume RUN\" takes up again; a third "
+      "one "
+      "kills. SIGTERM is the second at once.\n" +
+      kExitCodes);
   run_verb->callback([&] { code = guarded([&] { return run_command(run); }); });
 
   ResumeArguments resume;

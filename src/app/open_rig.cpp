@@ -20,6 +20,7 @@
 #include "drivers/sim/fault_file.h"
 #include "drivers/sim/gige_peer.h"
 #include "drivers/sim/serve.h"
+#include "drivers/telemetry.h"
 #include "src/core/errors.h"
 #include "src/core/interrupt.h"
 #include "src/record/image_import.h"
@@ -83,9 +84,13 @@ void ask_to_mount(Payload payload) {
         "terminal). Run from a terminal, or confirm with --assume-mounted that it stays "
         "as it is.",
         what));
-  fmt::print(stderr, "\nMount {} on the table, then press Enter (Ctrl-C ends the run): ", what);
+  fmt::print(stderr,
+             "\nMount {} on the table, then press Enter (Ctrl-C twice ends the run): ", what);
   // Not blocked in a read: a stop from elsewhere has to come through.
-  for (pollfd input{STDIN_FILENO, POLLIN, 0}; ::poll(&input, 1, 50) <= 0;) throw_if_interrupted();
+  for (pollfd input{STDIN_FILENO, POLLIN, 0}; ::poll(&input, 1, 50) <= 0;) {
+    throw_if_interrupted();
+    throw_if_stopping_now();
+  }
   std::string line;
   if (!std::getline(std::cin, line))
     throw Interrupted("interrupted while the payload was being changed");
@@ -335,6 +340,10 @@ Rig open_only_camera(const RigFile& file) {
 Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
   Axes axes = open_controllers(file, options, nullptr);
   CameraMaker(file, options, axes).make();
+  axes.rig.channels =
+      open_channels(file.telemetry, *axes.rig.clock, [clock = axes.rig.clock](const auto& channel) {
+        return sim::simulated_reading(channel, clock->now());
+      });
   return std::move(axes.rig);
 }
 

@@ -9,14 +9,9 @@
 #include "src/core/interrupt.h"
 #include "src/record/atomic_file.h"
 #include "src/record/sha256.h"
-#include "src/vision/spots.h"
 
 namespace turntable {
 namespace {
-
-/// More bright things than this in an LED image are a lamp or a window, and such an image is kept
-/// whole.
-constexpr std::size_t kMaxSpots = 32;
 
 double wall_s() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -25,40 +20,28 @@ double wall_s() {
 struct Prepared {
   std::vector<StagedFile> files;
   bool failed = false;  ///< an axis missed its target, or the target was not seen
+  bool doubtful = false;
 };
 
 /// Fills in the job's images and puts their files on the medium, not yet under their names.
-Prepared prepare(ArchiveWorker::Job& job, const RunFolder& folder, const RigFile& rig_file,
-                 const AcquireOptions& options) {
+Prepared prepare(ArchiveWorker::Job& job, const RunFolder& folder, const AcquireOptions& options) {
   const PlannedPose& planned = job.taken.planned;
   Prepared out;
   out.failed = job.taken.missed();
   for (std::size_t i = 0; i < job.frames.size(); ++i) {
     const Frame& frame = job.frames[i];
-    TakenImage image;
+    Inspection& seen = job.inspections[i];
+    TakenImage& image = job.taken.images[i];
     image.frame_id = frame.id;
     image.exposed_s = seconds(frame.timestamp);
-
-    bool mask = false;
-    std::vector<Region> regions;
-    if (planned.payload == Payload::kLedTarget) {
-      const SpotSearch search =
-          find_spots(frame.image, {.electrons_per_grey = rig_file.camera.electrons_per_grey});
-      image.spots.emplace();
-      for (const Spot& s : search.spots) {
-        if (regions.size() == kMaxSpots) break;
-        image.spots->push_back(
-            {s.centre_px.x(), s.centre_px.y(), s.sigma_px, s.peak_grey, s.area_px, s.saturated});
-        regions.push_back({s.box.left, s.box.top, s.box.right, s.box.bottom});
-      }
-      const bool seen = search.spots.size() >= rig_file.target.points_mm.size();
-      out.failed = out.failed || !seen;
-      // An image that did not show what it should is kept whole: somebody will want to know why.
-      mask = options.archive == ArchiveMode::kRegions && seen && search.spots.size() <= kMaxSpots;
-    }
+    image.spots = std::move(seen.spots);
+    image.complaint = std::move(seen.complaint);
+    out.failed = out.failed || !seen.target_seen;
+    out.doubtful = out.doubtful || !image.complaint.empty();
     if (options.archive != ArchiveMode::kNone) {
+      const bool mask = options.archive == ArchiveMode::kRegions && seen.worth_regions;
       const std::string png =
-          mask ? encode_png(keep_regions(frame.image, regions, options.region_margin_px))
+          mask ? encode_png(keep_regions(frame.image, seen.regions, options.region_margin_px))
                : encode_png(frame.image);
       // A later session never writes over what an earlier one took.
       const std::string session =
@@ -68,7 +51,6 @@ Prepared prepare(ArchiveWorker::Job& job, const RunFolder& folder, const RigFile
       image.sha256 = sha256_hex(png);
       out.files.emplace_back(folder.root() / image.file, png);
     }
-    job.taken.images.push_back(std::move(image));
   }
   return out;
 }
@@ -96,12 +78,12 @@ void ArchiveWorker::push(Job job) {
   changed_.notify_all();
 }
 
-void ArchiveWorker::note(std::string_view what, const std::string& reason) {
+void ArchiveWorker::note(const std::function<void(RunJournal&)>& write) {
   std::unique_lock lock(mutex_);
   // The journal is the worker's while it works; idle, it is this thread's.
   changed_.wait(lock, [this] { return failure_ || (queue_.empty() && !working_); });
   if (failure_) std::rethrow_exception(failure_);
-  journal_.interruption(what, reason);
+  write(journal_);
 }
 
 void ArchiveWorker::finish() {
@@ -156,9 +138,8 @@ void ArchiveWorker::run() {
 void ArchiveWorker::process(std::vector<Job>& jobs) {
   std::vector<std::future<Prepared>> pending;
   for (Job& job : jobs)
-    pending.push_back(
-        std::async(jobs.size() == 1 ? std::launch::deferred : std::launch::async,
-                   [this, &job] { return prepare(job, folder_, rig_file_, options_); }));
+    pending.push_back(std::async(jobs.size() == 1 ? std::launch::deferred : std::launch::async,
+                                 [this, &job] { return prepare(job, folder_, options_); }));
   // Poses enter the journal in their order; behind one that failed, none does.
   std::exception_ptr failure;
   std::vector<Prepared> ready;
@@ -177,15 +158,21 @@ void ArchiveWorker::process(std::vector<Job>& jobs) {
       any_file = true;
     }
   if (any_file) sync_folder(folder_.images());
-  for (std::size_t i = 0; i < ready.size(); ++i)
+  for (std::size_t i = 0; i < ready.size(); ++i) {
+    for (const TelemetryReading& reading : jobs[i].telemetry)
+      journal_.telemetry(reading, rig_file_.telemetry);
     journal_.pose(jobs[i].taken, plan_.scenario_of(jobs[i].taken.planned).name, jobs[i].overlap);
+  }
   if (!ready.empty()) journal_.sync();
   {
     const std::lock_guard lock(mutex_);
     for (std::size_t i = 0; i < ready.size(); ++i) {
       if (jobs[i].overlap) continue;
       ++tally_.poses;
-      if (ready[i].failed) ++tally_.failed;
+      if (ready[i].failed)
+        ++tally_.failed;
+      else if (ready[i].doubtful)
+        ++tally_.doubtful;
     }
   }
   if (failure) std::rethrow_exception(failure);

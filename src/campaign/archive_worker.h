@@ -1,4 +1,4 @@
-// The other thread of a run: inspects, archives and journals pose k-1 while the rig moves to pose
+// The other thread of a run: archives and journals pose k-1 while the rig moves to pose
 // k. If the rig is faster than the disk, the poses that wait are done together: syncing costs the
 // same for eight as for one.
 #pragma once
@@ -7,10 +7,12 @@
 #include <cstddef>
 #include <deque>
 #include <exception>
+#include <functional>
 #include <mutex>
 #include <thread>
 #include <vector>
 
+#include "src/campaign/inspection.h"
 #include "src/campaign/runner.h"
 #include "src/core/camera.h"
 #include "src/record/run_journal.h"
@@ -22,12 +24,15 @@ class ArchiveWorker {
   struct Job {
     TakenPose taken;
     std::vector<Frame> frames;
-    bool overlap = false;  ///< taken beside the one that counts
+    std::vector<Inspection> inspections;      ///< one per frame
+    std::vector<TelemetryReading> telemetry;  ///< read before the pose
+    bool overlap = false;                     ///< taken beside the one that counts
   };
   /// What was done so far; complete after `finish`.
   struct Tally {
     std::size_t poses = 0;
     std::size_t failed = 0;
+    std::size_t doubtful = 0;  ///< of those that did not fail: with a complaint about an image
     double busy_s = 0.0;
   };
 
@@ -42,8 +47,8 @@ class ArchiveWorker {
   /// kept.
   /// @throws what a job threw.
   void push(Job job);
-  /// Journals an interruption behind everything pushed so far. @throws what a job threw.
-  void note(std::string_view what, const std::string& reason);
+  /// Writes into the journal behind everything pushed so far. @throws what a job threw.
+  void note(const std::function<void(RunJournal&)>& write);
   /// Does what is still queued and ends the thread. @throws what a job threw; jobs behind a failed
   /// one are dropped.
   void finish();

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <set>
 #include <tuple>
 
@@ -17,8 +18,6 @@
 namespace turntable {
 namespace {
 
-/// Exposure and transfer of one frame; what a triggered 1 Mpx camera takes.
-constexpr double kFrameSeconds = 0.05;
 /// Part of the image's width and height that has to stay free on each side.
 constexpr double kFieldMargin = 0.03;
 constexpr std::size_t kListedViolations = 10;
@@ -142,12 +141,16 @@ void add_calibration(Plan& plan, const Scenario& scenario) {
   pose.payload = scenario.payload;
   pose.dwell_s = scenario.dwell_s;
   pose.images = scenario.images_per_plane;
-  for (const CalibrationPlane& plane : scenario.planes) {
-    pose.role = plane.fit ? PoseRole::kPlaneFit : PoseRole::kPlaneCheck;
-    pose.stage_mm = plane.stage_mm;
-    plan.poses.push_back(pose);
-    ++pose.point;
+  for (pose.repeat = 1; pose.repeat <= scenario.repeats; ++pose.repeat) {
+    pose.point = 0;
+    for (const CalibrationPlane& plane : scenario.planes) {
+      pose.role = plane.fit ? PoseRole::kPlaneFit : PoseRole::kPlaneCheck;
+      pose.stage_mm = plane.stage_mm;
+      plan.poses.push_back(pose);
+      ++pose.point;
+    }
   }
+  pose.repeat = 1;
   pose.role = PoseRole::kPinholeView;
   pose.point = 0;
   pose.images = 1;
@@ -166,7 +169,18 @@ void add_calibration(Plan& plan, const Scenario& scenario) {
   pose.yaw_deg = pose.roll_deg = pose.pitch_deg = 0.0;
   pose.images = scenario.images_per_plane;
   pose.point = 0;
+  pose.repeat = scenario.repeats;
   plan.poses.push_back(pose);
+}
+
+void add_scenario(Plan& plan, const Scenario& s, const RigFile& rig) {
+  if (s.kind == ScenarioKind::kCalibration)
+    add_calibration(plan, s);
+  else
+    add_attitude(plan, s, rig);
+  ScenarioInfo info{s.name, s.title, s.file, s.kind, s.table, s.polynomial_order, s.repeats, {}};
+  for (const AxisRange& range : s.ranges) info.axes.push_back(range.axis);
+  plan.scenarios.push_back(std::move(info));
 }
 
 std::string named(const Plan& plan, const PlannedPose& pose) {
@@ -207,85 +221,121 @@ class Violations {
 };
 
 void check_limits(const Plan& plan, const RigFile& rig, Violations& violations) {
-  const auto outside = [](const AxisConfig& axis, double target) -> std::string {
-    const double turn = target - axis.backlash;
-    if (target < axis.lower || target > axis.upper)
-      return fmt::format("{} target {} {}, allowed: {} to {} {}", axis_name(axis.id), target,
-                         axis.unit(), axis.lower, axis.upper, axis.unit());
-    if (turn < axis.lower || turn > axis.upper)
-      return fmt::format(
-          "{} target {} {} is approached from {} {} (one-sided approach), allowed: {} to {} {}",
-          axis_name(axis.id), target, axis.unit(), turn, axis.unit(), axis.lower, axis.upper,
-          axis.unit());
-    return {};
+  struct Refusal {
+    std::string place, what;
   };
+  const auto refusal = [&rig](const AxisConfig& axis, double target) -> std::optional<Refusal> {
+    const double turn = target - axis.backlash;
+    std::optional<AxisBound> bound = axis.bound_against(target);
+    const bool itself = bound.has_value();
+    if (!itself) bound = axis.bound_against(turn);
+    if (!bound) return {};
+    const std::string overshoot =
+        itself ? ""
+               : fmt::format(" is approached from {} {} (one-sided approach)", turn, axis.unit());
+    return Refusal{bound->place,
+                   fmt::format("{} target {} {}{}, allowed: {} to {} {} ({}, {} at {})",
+                               axis_name(axis.id), target, axis.unit(), overshoot, bound->lower,
+                               bound->upper, axis.unit(), bound->what, rig.file, bound->place)};
+  };
+  std::set<AxisId> without_zero;
   for (const AxisId id : kAllAxes)
-    if (const std::string what = outside(rig.axis(id), 0.0); !what.empty())
+    if (const auto refused = refusal(rig.axis(id), 0.0)) {
+      without_zero.insert(id);
       violations.add(
-          rig.file, fmt::format("/axes/{}/limits_{}", axis_name(id), axis_unit(id)),
-          what + ". Axes return to zero for every change of the payload: widen the limits.");
-  std::set<std::tuple<std::size_t, AxisId, double>>
-      told;  // a grid repeats the same target many times
+          rig.file, refused->place,
+          refused->what + ". Axes return to zero for every change of the payload: widen it.");
+    }
+  // A grid repeats the same target many times.
+  std::set<std::tuple<std::size_t, AxisId, double>> told;
   for (const PlannedPose& pose : plan.poses)
     for (const AxisId id : kAllAxes) {
-      const std::string what = outside(rig.axis(id), pose.target(id));
-      if (!what.empty() && told.emplace(pose.scenario, id, pose.target(id)).second)
+      const double target = pose.target(id);
+      if (target == 0.0 && without_zero.contains(id)) continue;
+      const auto refused = refusal(rig.axis(id), target);
+      if (refused && told.emplace(pose.scenario, id, target).second)
         violations.add(plan.scenario_of(pose).file, pointer_of(plan, pose, id),
-                       fmt::format("{}, first at pose {}. Choose a target inside the soft limits.",
-                                   what, pose.index));
+                       fmt::format("{}, first at pose {}. Choose a target inside.", refused->what,
+                                   pose.index));
     }
+}
+
+/// A disc that should be seen, mm from the gimbal centre at zero angles.
+struct Mark {
+  Vector3d at;
+  double radius_mm;
+};
+
+Mark pattern_mark(const PatternConfig& p, int column, int row, double radius_mm) {
+  return {p.offset_mm + p.spacing_mm * Vector3d(column, row, 0), radius_mm};
+}
+
+/// What has to be in view of the pattern: the direction circles, as the rest may be cut off; of a
+/// pattern without them, which is found whole or not at all, the ends of its outer rows.
+std::vector<Mark> marks_of(const PatternConfig& p) {
+  std::vector<Mark> marks;
+  for (const auto& [column, row] : p.direction_circles)
+    marks.push_back(pattern_mark(p, column, row, p.direction_radius_mm));
+  if (p.kind == PatternKind::kCircles) return marks;
+  const bool shifted = p.kind == PatternKind::kAsymmetricCircles;
+  const int step = shifted ? 2 : 1;
+  for (int row = 0; row < p.rows; ++row) {
+    // A shifted row may reach further than the outermost one.
+    const bool outer = row < step || row >= p.rows - step;
+    const int first = shifted ? row % 2 : 0;
+    if (!outer) continue;
+    for (const int column : {first, first + step * (p.columns - 1)})
+      marks.push_back(pattern_mark(p, column - p.origin_column, row - p.origin_row, p.radius_mm));
+  }
+  return marks;
+}
+
+std::vector<Mark> marks_of(const TargetConfig& target) {
+  std::vector<Mark> marks;
+  for (const Vector3d& led : target.points_mm)
+    marks.push_back({target.offset_mm + led, target.led_radius_mm});
+  return marks;
+}
+
+std::string mark_name(const RigFile& rig, Payload payload, std::size_t i) {
+  if (payload == Payload::kLedTarget) return fmt::format("LED {}", i);
+  if (rig.pattern.kind != PatternKind::kCircles) return fmt::format("outer pattern point {}", i);
+  const auto& [column, row] = rig.pattern.direction_circles[i];
+  return fmt::format("direction circle ({}, {})", column, row);
+}
+
+/// What is wrong with where a point would be seen; empty = nothing.
+std::string outside_image(const RigFile& rig, Payload payload, std::size_t i, const ImagePoint& p) {
+  if (!p.visible())
+    return fmt::format("{} would stand {:.4g} mm {} the camera", mark_name(rig, payload, i),
+                       std::abs(p.depth_mm), p.depth_mm < 0 ? "above" : "below");
+  const double width = rig.camera.image_size.width, height = rig.camera.image_size.height;
+  const double u = std::min(p.u_px, width - 1 - p.u_px) - kFieldMargin * width;
+  const double v = std::min(p.v_px, height - 1 - p.v_px) - kFieldMargin * height;
+  if (std::min(u, v) >= p.radius_px) return {};
+  return fmt::format(
+      "{} would be seen at ({:.0f}, {:.0f}) px, allowed: {:.0f} px inside an image of {} x {} px",
+      mark_name(rig, payload, i), p.u_px, p.v_px,
+      p.radius_px + kFieldMargin * (u < v ? width : height), width, height);
 }
 
 /// Smallest distance of any predicted point's edge from the image's edge, px.
 double check_field(const Plan& plan, const RigFile& rig, Violations& violations) {
-  struct Mark {
-    Vector3d at;  ///< from the gimbal centre at zero angles
-    double radius_mm;
-    std::string name;
-  };
-  std::vector<Mark> leds, circles;
-  for (std::size_t i = 0; i < rig.target.points_mm.size(); ++i)
-    leds.push_back({rig.target.offset_mm + rig.target.points_mm[i], rig.target.led_radius_mm,
-                    fmt::format("LED {}", i)});
-  for (const auto& [column, row] : rig.pattern.direction_circles)
-    circles.push_back({rig.pattern.offset_mm + rig.pattern.spacing_mm * Vector3d(column, row, 0),
-                       rig.pattern.direction_radius_mm,
-                       fmt::format("direction circle ({}, {})", column, row)});
-
-  const Gimbal gimbal(rig.gimbal);
   const double width = rig.camera.image_size.width, height = rig.camera.image_size.height;
-  const double focal = rig.camera.nominal_focal_px;
   double margin = std::numeric_limits<double>::infinity();
   for (const PlannedPose& pose : plan.poses) {
-    const Matrix3d R = gimbal.rotation(pose.angles());
-    const Vector3d centre = gimbal.centre_mm(pose.stage_mm);
-    for (const Mark& mark : pose.payload == Payload::kLedTarget ? leds : circles) {
-      // Nominal pinhole straight above, looking down -z; v runs down the image, y up.
-      const Vector3d p = centre + R * mark.at;
-      const double depth = rig.camera.nominal_height_mm - p.z();
-      std::string what;
-      if (depth <= mark.radius_mm) {
-        what = fmt::format("{} would stand {:.0f} mm from the camera's height", mark.name, depth);
-      } else {
-        const double u = 0.5 * (width - 1) + focal * p.x() / depth;
-        const double v = 0.5 * (height - 1) - focal * p.y() / depth;
-        const double radius = focal * mark.radius_mm / depth;
-        const double room = std::min({u, width - 1 - u, v, height - 1 - v}) - radius;
-        margin = std::min(margin, room);
-        const double room_u = std::min(u, width - 1 - u) - radius - kFieldMargin * width;
-        const double room_v = std::min(v, height - 1 - v) - radius - kFieldMargin * height;
-        if (std::min(room_u, room_v) >= 0.0) continue;
-        what = fmt::format(
-            "{} would be seen at ({:.0f}, {:.0f}) px, allowed: {:.0f} px inside an image of {} x "
-            "{} px",
-            mark.name, u, v, radius + kFieldMargin * (room_u < room_v ? width : height), width,
-            height);
-      }
+    const std::vector<ImagePoint> points = predicted_points(pose, rig);
+    std::string what;
+    for (std::size_t i = 0; i < points.size() && what.empty(); ++i) {
+      const ImagePoint& p = points[i];
+      what = outside_image(rig, pose.payload, i, p);
+      margin = std::min({margin, p.u_px - p.radius_px, width - 1 - p.u_px - p.radius_px,
+                         p.v_px - p.radius_px, height - 1 - p.v_px - p.radius_px});
+    }
+    if (!what.empty())
       violations.add(plan.scenario_of(pose).file, pointer_of(plan, pose),
                      fmt::format("{}: {}. Use smaller angles or another stage position.",
                                  named(plan, pose), what));
-      break;
-    }
   }
   return margin;
 }
@@ -327,6 +377,8 @@ void check_disk(const Plan& plan, const RigFile& rig, const CheckOptions& option
 void sweep(AxisSweep& out, const AxisConfig& axis, const Plan& plan) {
   out.limit_lower = axis.lower;
   out.limit_upper = axis.upper;
+  out.cable_lower = axis.cable_lower;
+  out.cable_upper = axis.cable_upper;
   out.target_lower = std::numeric_limits<double>::infinity();
   out.target_upper = -out.target_lower;
   out.swept_lower = std::min(0.0, -axis.backlash);
@@ -346,6 +398,19 @@ void sweep(AxisSweep& out, const AxisConfig& axis, const Plan& plan) {
   }
 }
 
+/// The reference switch of a table is passed once in every turn.
+void remark_turns(const RigFile& rig, PlanReport& report) {
+  for (const AxisId id : kRotaryAxes) {
+    const AxisConfig& axis = rig.axis(id);
+    if (axis.reach_upper() - axis.reach_lower() < 360.0) continue;
+    report.remarks.push_back(fmt::format(
+        "{} may turn from {:g} to {:g} deg, a full turn or more, and homing cannot tell one turn "
+        "from the next: look at its cable before homing, or narrow {}.",
+        axis_name(id), axis.reach_lower(), axis.reach_upper(),
+        axis.has_cable() ? "cable_deg" : "limits_deg, or state cable_deg"));
+  }
+}
+
 std::string shown_time(double s) {
   const auto whole = static_cast<long>(std::lround(s));
   if (whole < 60) return fmt::format("{:.1f} s", s);
@@ -356,7 +421,8 @@ std::string shown_time(double s) {
 }  // namespace
 
 double AxisSweep::margin() const {
-  return std::min(swept_lower - limit_lower, limit_upper - swept_upper);
+  return std::min(swept_lower - std::max(limit_lower, cable_lower),
+                  std::min(limit_upper, cable_upper) - swept_upper);
 }
 
 Plan plan_campaign(const Campaign& campaign, const RigFile& rig) {
@@ -366,8 +432,7 @@ Plan plan_campaign(const Campaign& campaign, const RigFile& rig) {
   plan.rig = freeze(rig.file, rig.source);
   if (!campaign.text.empty()) plan.sources.push_back(freeze(campaign.file, campaign.text));
   double poses = 0;
-  for (const Scenario& s : campaign.scenarios)
-    poses += static_cast<double>(s.pose_count()) * s.repeats;
+  for (const Scenario& s : campaign.scenarios) poses += static_cast<double>(s.total_poses());
   if (poses > static_cast<double>(kMaxPoses))
     throw ConfigError(
         campaign.file, "/steps",
@@ -376,17 +441,31 @@ Plan plan_campaign(const Campaign& campaign, const RigFile& rig) {
             poses, kMaxPoses));
   plan.poses.reserve(static_cast<std::size_t>(poses));
   for (const Scenario& s : campaign.scenarios) {
-    if (s.kind == ScenarioKind::kCalibration)
-      add_calibration(plan, s);
-    else
-      add_attitude(plan, s, rig);
-    ScenarioInfo info{s.name, s.title, s.file, s.kind, s.table, s.polynomial_order, s.repeats, {}};
-    for (const AxisRange& range : s.ranges) info.axes.push_back(range.axis);
-    plan.scenarios.push_back(std::move(info));
+    add_scenario(plan, s, rig);
     plan.sources.push_back(freeze(s.file, s.text));
   }
   number_poses(plan);
   return plan;
+}
+
+std::vector<ImagePoint> predicted_points(const PlannedPose& pose, const RigFile& rig) {
+  const Gimbal gimbal(rig.gimbal);
+  const Matrix3d R = gimbal.rotation(pose.angles());
+  const Vector3d centre = gimbal.centre_mm(pose.stage_mm);
+  const double focal = rig.camera.nominal_focal_px;
+  std::vector<ImagePoint> points;
+  for (const Mark& mark :
+       pose.payload == Payload::kLedTarget ? marks_of(rig.target) : marks_of(rig.pattern)) {
+    // Nominal pinhole straight above, looking down -z; v runs down the image, y up.
+    const Vector3d p = centre + R * mark.at;
+    ImagePoint& point = points.emplace_back();
+    point.depth_mm = rig.camera.nominal_height_mm - p.z();
+    if (point.depth_mm <= mark.radius_mm) continue;
+    point.u_px = 0.5 * (rig.camera.image_size.width - 1) + focal * p.x() / point.depth_mm;
+    point.v_px = 0.5 * (rig.camera.image_size.height - 1) - focal * p.y() / point.depth_mm;
+    point.radius_px = focal * mark.radius_mm / point.depth_mm;
+  }
+  return points;
 }
 
 std::string pointer_of(const Plan& plan, const PlannedPose& pose, AxisId axis) {
@@ -404,16 +483,15 @@ std::vector<OrderTime> order_times(const Campaign& campaign, const RigFile& rig)
   std::vector<OrderTime> times;
   for (std::size_t i = 0; i < campaign.scenarios.size(); ++i) {
     if (campaign.scenarios[i].kind != ScenarioKind::kAttitude) continue;
-    Campaign alone;
-    alone.scenarios = {campaign.scenarios[i]};
-    Scenario& s = alone.scenarios.front();
+    Scenario s = campaign.scenarios[i];
     const PoseOrder chosen = s.order;
     for (const PoseOrder order : kPoseOrders) {
       if (order == PoseOrder::kNearest && s.pose_count() > kMaxNearestPoses) continue;
       s.order = order;
       OrderTime time{i, order, order == chosen, 0.0};
-      for (const PhaseTimes& t : pose_times(plan_campaign(alone, rig), rig))
-        time.motion_s += t.motion_s;
+      Plan alone;  // without ids: nobody looks them up
+      add_scenario(alone, s, rig);
+      for (const PhaseTimes& t : pose_times(alone, rig)) time.motion_s += t.motion_s;
       times.push_back(time);
     }
   }
@@ -427,14 +505,20 @@ std::vector<PhaseTimes> pose_times(const Plan& plan, const RigFile& rig) {
   Payload payload = plan.poses.empty() ? Payload::kLedTarget : plan.poses.front().payload;
   const auto go = [&](PhaseTimes& time, const auto& target_of) {
     double motion = 0.0, settle = 0.0;
+    int legs = 0;
     for (std::size_t i = 0; i < kAllAxes.size(); ++i) {
       const AxisConfig& axis = rig.axis(kAllAxes[i]);
       const double to = target_of(kAllAxes[i]);
       if (to == at[i]) continue;
-      motion = std::max(motion, move_seconds(axis, at[i], to));
+      if (const double s = move_seconds(axis, at[i], to); s > motion) {
+        motion = s;
+        time.slowest = axis.id;
+        legs = takes_overshoot(axis, at[i], to) ? 2 : 1;
+      }
       settle = std::max(settle, axis.settle_s);
       at[i] = to;
     }
+    time.legs += legs;
     time.motion_s += motion;
     time.settle_s += settle;
   };
@@ -459,6 +543,7 @@ PlanReport check_plan(const Plan& plan, const RigFile& rig, const CheckOptions& 
   check_disk(plan, rig, options, report);
   for (std::size_t i = 0; i < kAllAxes.size(); ++i)
     sweep(report.axes[i], rig.axis(kAllAxes[i]), plan);
+  remark_turns(rig, report);
   for (const PhaseTimes& time : pose_times(plan, rig)) {
     report.time.motion_s += time.motion_s;
     report.time.settle_s += time.settle_s;
@@ -478,15 +563,23 @@ std::string plan_summary(const Plan& plan, const PlanReport& report) {
         fmt::format("  {:<20} {:>6} poses, {} repeat{}{}\n", s.name, counts[i], s.repeats,
                     s.repeats == 1 ? "" : "s", s.table ? fmt::format(", table {}", *s.table) : "");
   }
-  out += fmt::format("\n  {:<6} {:>20} {:>24} {:>20} {:>10}\n", "axis", "targets",
-                     "swept with overshoot", "soft limits", "margin");
+  const bool cables = std::ranges::any_of(
+      report.axes, [](const AxisSweep& a) { return std::isfinite(a.cable_lower); });
+  out += fmt::format("\n  {:<6} {:>20} {:>24} {:>20}{} {:>10}\n", "axis", "targets",
+                     "swept with overshoot", "soft limits",
+                     cables ? fmt::format(" {:>20}", "cable free") : "", "margin");
   for (std::size_t i = 0; i < kAllAxes.size(); ++i) {
     const AxisSweep& a = report.axes[i];
     const auto unit = axis_unit(kAllAxes[i]);
+    const std::string cable =
+        !cables ? ""
+        : std::isfinite(a.cable_lower)
+            ? fmt::format(" {:>8.3f} .. {:>8.3f}", a.cable_lower, a.cable_upper)
+            : fmt::format(" {:>20}", "-");
     out += fmt::format(
-        "  {:<6} {:>9.3f} .. {:>7.3f} {:>13.3f} .. {:>7.3f} {:>9.3f} .. {:>7.3f} {:>6.3f} {}\n",
+        "  {:<6} {:>8.3f} .. {:>8.3f} {:>12.3f} .. {:>8.3f} {:>8.3f} .. {:>8.3f}{} {:>6.3f} {}\n",
         axis_name(kAllAxes[i]), a.target_lower, a.target_upper, a.swept_lower, a.swept_upper,
-        a.limit_lower, a.limit_upper, a.margin(), unit);
+        a.limit_lower, a.limit_upper, cable, a.margin(), unit);
     if (a.off_grid > 0)
       out += fmt::format(
           "         {} poses of {} lie between two pulses; the nearest pulse is taken\n",
@@ -501,17 +594,35 @@ std::string plan_summary(const Plan& plan, const PlanReport& report) {
   out += fmt::format("  disk: up to {:.1f} MB", static_cast<double>(report.disk_bytes) / 1e6);
   if (report.free_bytes > 0)
     out += fmt::format(" of {:.0f} MB free", static_cast<double>(report.free_bytes) / 1e6);
-  return out + "\n";
+  out += "\n";
+  for (const std::string& remark : report.remarks) out += fmt::format("  remark: {}\n", remark);
+  return out;
 }
 
-void write_plan_csv(const Plan& plan, const std::filesystem::path& file) {
-  Csv csv({"index", "id", "scenario", "role", "payload", "repeat", "point", "stage_mm", "yaw_deg",
-           "roll_deg", "pitch_deg", "dwell_s", "images"});
+void write_plan_csv(const Plan& plan, const RigFile& rig, const std::filesystem::path& file) {
+  Csv csv({"index",    "id",        "scenario", "role",      "payload",  "repeat",   "point",
+           "stage_mm", "yaw_deg",   "roll_deg", "pitch_deg", "dwell_s",  "images",   "motion_s",
+           "settle_s", "trigger_s", "time_s",   "u_min_px",  "u_max_px", "v_min_px", "v_max_px"});
+  const std::vector<PhaseTimes> times = pose_times(plan, rig);
+  double time_s = 0.0;
   for (const PlannedPose& p : plan.poses) {
     csv.integer(static_cast<std::int64_t>(p.index)).text(p.id).text(plan.scenario_of(p).name);
     csv.text(role_name(p.role)).text(payload_name(p.payload)).integer(p.repeat).integer(p.point);
     csv.number(p.stage_mm, 4).number(p.yaw_deg, 4).number(p.roll_deg, 4).number(p.pitch_deg, 4);
     csv.number(p.dwell_s, 3).integer(p.images);
+    const PhaseTimes& t = times[static_cast<std::size_t>(&p - plan.poses.data())];
+    time_s += t.total_s();
+    csv.number(t.motion_s, 3).number(t.settle_s, 3).number(t.trigger_s, 3).number(time_s, 3);
+    // Of the discs, not of their centres: nothing the pose should show lies outside.
+    double u_min = std::numeric_limits<double>::infinity(), u_max = -u_min;
+    double v_min = u_min, v_max = -u_min;
+    for (const ImagePoint& seen : predicted_points(p, rig)) {
+      u_min = std::min(u_min, seen.u_px - seen.radius_px);
+      u_max = std::max(u_max, seen.u_px + seen.radius_px);
+      v_min = std::min(v_min, seen.v_px - seen.radius_px);
+      v_max = std::max(v_max, seen.v_px + seen.radius_px);
+    }
+    csv.number(u_min, 2).number(u_max, 2).number(v_min, 2).number(v_max, 2);
     csv.end_row();
   }
   csv.write(file);

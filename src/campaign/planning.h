@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -16,9 +17,23 @@
 namespace turntable {
 
 /// Every pose in order of execution. Each repeat of an attitude scenario begins with a reference
-/// pose.
+/// pose. A calibration takes its planes repeat by repeat, then its pinhole views once (repeat 1),
+/// then the return to the first plane (of the last repeat).
 /// @throws ConfigError for more than kMaxPoses.
 Plan plan_campaign(const Campaign& campaign, const RigFile& rig);
+
+/// Where a disc should be seen, by the nominal camera: pixel centres at whole numbers, u to the
+/// right, v down, origin top left.
+struct ImagePoint {
+  double depth_mm = 0.0;                                                ///< below the camera
+  double u_px = std::numeric_limits<double>::quiet_NaN(), v_px = u_px;  ///< NaN if not visible
+  double radius_px = u_px;
+  bool visible() const { return radius_px >= 0.0; }  ///< false: at the camera's height or above it
+};
+/// What a pose should show: of the LED target every LED, in the rig file's order; of the pattern the
+/// direction circles in that order, or, if it has none, the ends of its outer rows. No point is left
+/// out, also not one outside the image; lens distortion is not known to the nominal camera.
+std::vector<ImagePoint> predicted_points(const PlannedPose& pose, const RigFile& rig);
 
 struct CheckOptions {
   ArchiveMode archive = ArchiveMode::kRegions;
@@ -29,13 +44,20 @@ struct CheckOptions {
 struct AxisSweep {
   double target_lower = 0.0, target_upper = 0.0;  ///< what is asked for
   double swept_lower = 0.0, swept_upper = 0.0;    ///< with overshoot and zero
-  double limit_lower = 0.0, limit_upper = 0.0;
+  double limit_lower = 0.0, limit_upper = 0.0;    ///< soft limits
+  double cable_lower = 0.0, cable_upper = 0.0;    ///< infinite = not stated
   std::size_t off_grid = 0;  ///< poses whose target is not a whole number of pulses
-  double margin() const;     ///< to the nearer soft limit
+  double margin() const;     ///< to the nearest soft limit or end of the cable
 };
+
+/// Exposure and transfer of one frame, before a rig has shown its own: what a triggered 1 Mpx camera
+/// takes. s
+constexpr double kFrameSeconds = 0.05;
 
 struct PhaseTimes {
   double motion_s = 0.0, settle_s = 0.0, trigger_s = 0.0;
+  AxisId slowest{};  ///< of the axes that move
+  int legs = 0;      ///< its commands: two if it overshoots
   double total_s() const { return motion_s + settle_s + trigger_s; }
 };
 
@@ -46,6 +68,7 @@ struct PlanReport {
   std::uintmax_t disk_bytes = 0;  ///< estimate of what will be written
   std::uintmax_t free_bytes = 0;  ///< 0 if not checked
   std::size_t images = 0;
+  std::vector<std::string> remarks;  ///< what no check can decide and somebody should look at
 };
 
 /// One entry per pose: what it takes from the pose before it, the first one from zero angles.
@@ -63,14 +86,15 @@ struct OrderTime {
 std::vector<OrderTime> order_times(const Campaign& campaign, const RigFile& rig);
 
 /// Refuses, never clamps. @throws ConfigError listing the first ten violations and their number: a
-/// target or its overshoot outside a soft limit, a point outside the image, not enough disk. File
+/// target or its overshoot outside soft limits or cable range, a point outside the image, not enough disk. File
 /// and pointer are the first one's.
 PlanReport check_plan(const Plan& plan, const RigFile& rig, const CheckOptions& options = {});
 
 /// What `turntable plan` prints.
 std::string plan_summary(const Plan& plan, const PlanReport& report);
-/// One row per pose. @throws RecordError.
-void write_plan_csv(const Plan& plan, const std::filesystem::path& file);
+/// One row per pose: targets, estimated time of each phase and since the start (`time_s`, at its
+/// end), and the box around all discs that it should show. @throws RecordError.
+void write_plan_csv(const Plan& plan, const RigFile& rig, const std::filesystem::path& file);
 
 /// JSON pointer, in the scenario's file, of what a pose's target on `axis` comes from.
 std::string pointer_of(const Plan& plan, const PlannedPose& pose, AxisId axis);

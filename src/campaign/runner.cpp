@@ -12,7 +12,9 @@
 #include <thread>
 
 #include "src/campaign/archive_worker.h"
+#include "src/campaign/inspection.h"
 #include "src/campaign/planning.h"
+#include "src/campaign/telemetry.h"
 #include "src/core/errors.h"
 #include "src/core/interrupt.h"
 #include "src/record/run_journal.h"
@@ -45,14 +47,13 @@ class Acquisition {
         options_(options),
         progress_(progress),
         schedule_(schedule_of(plan, options)),
-        done_(options.before == nullptr ? 0 : options.before->poses_taken()) {
-    for (const PhaseTimes& time : pose_times(plan, rig_file)) weights_.push_back(time.total_s());
-    for (const auto* list : {&schedule_.overlap, &schedule_.missing})
-      for (const std::size_t index : *list) weight_left_ += weights_[index];
-  }
+        pace_(plan, rig_file, schedule_.all(), options.overheads),
+        telemetry_(rig, rig_file.telemetry),
+        done_(options.before == nullptr ? 0 : options.before->poses_taken()) {}
 
   AcquireSummary run(const RunFolder& folder, const Json& provenance) {
     check_devices();
+    const PauseAtFirstInterrupt first_press_pauses;
     began_wall_ = wall_s();
     const Time began = rig_.clock->now();
     RunJournal journal = options_.before == nullptr
@@ -62,24 +63,37 @@ class Acquisition {
     std::exception_ptr cause;
     try {
       journal.baseline(positions());  // before the first job: the journal is not shared yet
+      if (const auto reading = telemetry_.read_if_due())
+        journal.telemetry(*reading, rig_file_.telemetry);
       home();
       for (const std::size_t index : schedule_.overlap) take(plan_.poses[index], worker, true);
       for (const std::size_t index : schedule_.missing) take(plan_.poses[index], worker, false);
       report("finishing");
       worker.finish();
       journal.baseline(positions());
+      tally(worker, began);
+      journal.time(summary_.phases());
       journal.stop("success", "");
     } catch (...) {
       cause = std::current_exception();
     }
-    if (cause) end_early(cause, journal, worker);
-    const auto tally = worker.tally();
-    summary_.poses = tally.poses;
-    summary_.failed = tally.failed;
-    summary_.archive_s = tally.busy_s;
-    summary_.rig_s = seconds(rig_.clock->now() - began);
-    summary_.wall_s = wall_s() - began_wall_;
+    if (cause) end_early(cause, journal, worker, began);
     return summary_;
+  }
+
+  /// One exposure and one reading, to see that camera and channels answer. Nothing moves.
+  DeviceCheck try_out() {
+    DeviceCheck found;
+    if (!rig_.channels.empty()) found.telemetry = telemetry_.read();
+    if (!rig_.camera->exposes()) return found;
+    const Time began = rig_.clock->now();
+    const Frame frame = answered("the test trigger", [this] { return rig_.camera->try_out(); });
+    check_size(frame.image.size());
+    found.frame_s = seconds(rig_.clock->now() - began);
+    const auto [darkest, brightest] = std::ranges::minmax(frame.image.pixels);
+    found.darkest = darkest;
+    found.brightest = brightest;
+    return found;
   }
 
   /// The devices have the last word on limits and images, and have it before anything moves.
@@ -142,12 +156,26 @@ class Acquisition {
     return out;
   }
 
-  void report(std::string_view phase) {
+  void report(std::string_view phase, std::string_view reason = {}) {
     if (!progress_) return;
-    const double elapsed = wall_s() - began_wall_;
-    // Before the first pose the plan's own estimate is all there is.
-    const double scale = weight_done_ > 0.0 ? (wall_s() - first_pose_wall_) / weight_done_ : 1.0;
-    progress_({done_, plan_.poses.size(), phase, elapsed, scale * weight_left_});
+    const double now = wall_s();
+    const double left = pace_.left_s();
+    // Virtual time passes faster than the wall's; before the first pose nobody knows how much.
+    const double per_rig_second =
+        posing_rig_s_ > 0.0 ? (now - first_pose_wall_) / posing_rig_s_ : 1.0;
+    progress_(
+        {done_, plan_.poses.size(), phase, reason, now - began_wall_, per_rig_second * left, left});
+  }
+
+  void tally(const ArchiveWorker& worker, Time began) {
+    const auto tally = worker.tally();
+    summary_.poses = tally.poses;
+    summary_.failed = tally.failed;
+    summary_.doubtful = tally.doubtful;
+    summary_.archive_s = tally.busy_s;
+    summary_.rig_s = seconds(rig_.clock->now() - began);
+    summary_.wall_s = wall_s() - began_wall_;
+    summary_.overheads = pace_.learned();
   }
 
   void home() {
@@ -165,6 +193,10 @@ class Acquisition {
   }
 
   void take(const PlannedPose& pose, ArchiveWorker& worker, bool overlap) {
+    ArchiveWorker::Job job;
+    const Time began = rig_.clock->now();
+    const AcquireSummary before = summary_;
+    hold_while_outside(worker, job);
     hold_while_paused(worker);
     throw_if_interrupted();
     throw_if_stopping_now();
@@ -172,7 +204,6 @@ class Acquisition {
     report("moving");
     Targets targets{};
     for (std::size_t i = 0; i < kAllAxes.size(); ++i) targets[i] = pose.target(kAllAxes[i]);
-    ArchiveWorker::Job job;
     job.taken.planned = pose;
     job.overlap = overlap;
     move(targets);
@@ -182,30 +213,108 @@ class Acquisition {
       report("settling");
       rig_.clock->sleep_for(from_seconds(pose.dwell_s));
       summary_.settle_s += pose.dwell_s;
+      throw_if_stopping_now();
     }
     job.taken.rig_time_s = seconds(rig_.clock->now());
     report("exposing");
-    for (int i = 0; i < pose.images; ++i) job.frames.push_back(trigger(pose, i));
+    const Time settled = rig_.clock->now();
+    for (int i = 0; i < pose.images; ++i) expose(pose, i, job);
+    const double images_s = seconds(rig_.clock->now() - settled);
+    job.taken.phases = {summary_.motion_s - before.motion_s, summary_.settle_s - before.settle_s,
+                        summary_.trigger_s - before.trigger_s,
+                        summary_.transfer_s - before.transfer_s};
 
     const double waiting = wall_s();
     worker.push(std::move(job));
     summary_.waited_s += wall_s() - waiting;
     if (!overlap) ++done_;
-    weight_left_ = std::max(0.0, weight_left_ - weights_[pose.index]);
-    weight_done_ += weights_[pose.index];
+    const double unforeseen = summary_.held_s - before.held_s + summary_.mount_s - before.mount_s;
+    const double elapsed = seconds(rig_.clock->now() - began) - unforeseen;
+    pace_.taken(pose.index, elapsed, images_s);
+    posing_rig_s_ += elapsed;
+  }
+
+  /// Takes an image, and takes it again as often as is allowed while it is bad.
+  void expose(const PlannedPose& pose, int i, ArchiveWorker::Job& job) {
+    int retakes = 0;
+    for (;; ++retakes) {
+      Frame frame = trigger(pose, i);
+      const double began = wall_s();
+      Inspection seen = inspect(frame.image, pose, rig_file_);
+      summary_.inspect_s += wall_s() - began;
+      const bool good = seen.complaint.empty();
+      // The last one counts, unless it shows no target and one before it did.
+      if (retakes == 0) {
+        job.frames.push_back(std::move(frame));
+        job.inspections.push_back(std::move(seen));
+      } else if (seen.target_seen || !job.inspections.back().target_seen) {
+        job.frames.back() = std::move(frame);
+        job.inspections.back() = std::move(seen);
+      }
+      if (good || retakes >= rig_file_.inspection.retakes || !rig_.camera->exposes()) break;
+      ++summary_.retakes;
+      throw_if_stopping_now();
+    }
+    job.taken.images.emplace_back().retakes = retakes;
+  }
+
+  /// Reads the channels if they are due, and waits as long as one is outside its band.
+  void hold_while_outside(ArchiveWorker& worker, ArchiveWorker::Job& job) {
+    if (const auto reading = telemetry_.read_if_due()) job.telemetry.push_back(*reading);
+    std::string why = telemetry_.outside();
+    if (why.empty()) return;
+    worker.note([&](RunJournal& journal) {
+      for (const TelemetryReading& reading : job.telemetry)
+        journal.telemetry(reading, rig_file_.telemetry);
+      journal.interruption("suspend", why);
+    });
+    job.telemetry.clear();
+    const Time began = rig_.clock->now();
+    const double began_wall = wall_s();
+    double for_s = 0.0;
+    std::optional<Time> back;  // since when
+    while (!back || seconds(rig_.clock->now() - *back) < for_s) {
+      for_s = std::max(for_s, telemetry_.for_s());
+      if (const double waited = seconds(rig_.clock->now() - began);
+          waited >= telemetry_.give_up_s())
+        throw DeviceError(fmt::format(
+            "{}: not back after {:.0f} s. See to it, then \"turntable resume\".", why, waited));
+      report("suspended", why);
+      throw_if_interrupted();
+      rig_.clock->sleep_for(from_seconds(rig_file_.telemetry.every_s));
+      throw_if_stopping_now();
+      const TelemetryReading reading = telemetry_.read();
+      worker.note([&](RunJournal& journal) { journal.telemetry(reading, rig_file_.telemetry); });
+      const std::string still = telemetry_.not_yet_back();
+      if (!still.empty()) {
+        why = still;
+        back.reset();
+      } else if (!back) {
+        back = rig_.clock->now();
+      }
+    }
+    const double waited = seconds(rig_.clock->now() - began);
+    summary_.held_s += waited;
+    first_pose_wall_ += wall_s() - began_wall;
+    worker.note([&](RunJournal& journal) {
+      journal.interruption("resume", fmt::format("all channels back after {:.0f} s", waited));
+    });
   }
 
   /// The axes stand; devices and references stay as they are.
   void hold_while_paused(ArchiveWorker& worker) {
     if (!pause_requested() || interrupt_level() > 0) return;
-    worker.note("pause", "asked for by another program");
+    worker.note([](RunJournal& journal) { journal.interruption("pause", "asked for"); });
     const double began = wall_s();
+    const Time began_rig = rig_.clock->now();
     while (pause_requested() && interrupt_level() == 0) {
       report("paused");
       std::this_thread::sleep_for(std::chrono::milliseconds(20));
     }
     first_pose_wall_ += wall_s() - began;  // no pose took that long
-    worker.note("resume", pause_requested() ? "interrupted" : "asked for by another program");
+    summary_.held_s += seconds(rig_.clock->now() - began_rig);
+    const std::string why = pause_requested() ? "interrupted" : "asked for";
+    worker.note([&](RunJournal& journal) { journal.interruption("resume", why); });
   }
 
   void mount(Payload payload) {
@@ -213,7 +322,9 @@ class Acquisition {
     report("mounting");
     move({});  // all axes at zero: there a person can reach the table, and the payload lies level
     mounted_.reset();
+    const Time began = rig_.clock->now();
     if (rig_.mount) rig_.mount(payload);
+    summary_.mount_s += seconds(rig_.clock->now() - began);
     mounted_ = payload;
   }
 
@@ -264,21 +375,32 @@ class Acquisition {
 
   Frame trigger(const PlannedPose& pose, int i) {
     const Time began = rig_.clock->now();
+    Frame frame = answered(fmt::format("pose {}", pose.index), [&] {
+      rig_.camera->announce(exposure(pose, i));
+      return rig_.camera->trigger();
+    });
+    check_size(frame.image.size());
+    const Time now = rig_.clock->now();
+    const Time exposed = std::clamp(frame.timestamp, began, now);
+    summary_.trigger_s += seconds(exposed - began);
+    summary_.transfer_s += seconds(now - exposed);
+    return frame;
+  }
+
+  /// Repeats a trigger whose frame does not come, as often as the rig file allows.
+  template <class F>
+  Frame answered(const std::string& what, F&& fire) {
     for (int attempt = 0;; ++attempt) {
       try {
-        rig_.camera->announce(exposure(pose, i));
-        Frame frame = rig_.camera->trigger();
-        check_size(frame.image.size());
-        summary_.trigger_s += seconds(rig_.clock->now() - began);
-        return frame;
+        return fire();
       } catch (const TimeoutError& e) {
         if (attempt >= rig_file_.camera.retries) {
           std::string why = e.what();
           if (why.ends_with('.')) why.pop_back();
           throw TimeoutError(
-              fmt::format("camera: no frame at pose {} after {} triggers: {}. Check its cable, its "
+              fmt::format("camera: no frame at {} after {} triggers: {}. Check its cable, its "
                           "light and the trigger line.",
-                          pose.index, attempt + 1, why));
+                          what, attempt + 1, why));
         }
         ++summary_.trigger_retries;
       }
@@ -306,7 +428,7 @@ class Acquisition {
 
   /// Stops the axes first, then saves what was taken, then says why. @throws the cause, always.
   [[noreturn]] void end_early(const std::exception_ptr& cause, RunJournal& journal,
-                              ArchiveWorker& worker) {
+                              ArchiveWorker& worker, Time began) {
     const InterruptShield shield;
     const std::string not_stopped = stop_axes();
     std::string trouble = not_stopped;
@@ -331,6 +453,11 @@ class Acquisition {
                                        // courtesy here
     }
     try {
+      tally(worker, began);
+      journal.time(summary_.phases());
+    } catch (const std::exception&) {
+    }
+    try {
       journal.stop(status, reason + trouble);
     } catch (const std::exception&) {  // a full disk, perhaps: the cause says so
     }
@@ -351,13 +478,14 @@ class Acquisition {
   const AcquireOptions& options_;
   const std::function<void(const Progress&)>& progress_;
 
-  Schedule schedule_;
   AcquireSummary summary_;
   std::optional<Payload> mounted_;
   std::array<std::optional<Held>, kAllAxes.size()> held_;
+  Schedule schedule_;
+  Pace pace_;
+  TelemetryWatch telemetry_;
   std::size_t done_ = 0;
-  std::vector<double> weights_;
-  double weight_left_ = 0.0, weight_done_ = 0.0;
+  double posing_rig_s_ = 0.0;  ///< rig time that poses have taken so far
   double began_wall_ = 0.0, first_pose_wall_ = 0.0;
 };
 
@@ -383,10 +511,25 @@ Schedule schedule_of(const Plan& plan, const AcquireOptions& options) {
   return schedule;
 }
 
-void check_devices(Rig& rig, const RigFile& rig_file, const Plan& plan,
-                   const AcquireOptions& options) {
+std::vector<std::size_t> Schedule::all() const {
+  std::vector<std::size_t> places = overlap;
+  places.insert(places.end(), missing.begin(), missing.end());
+  return places;
+}
+
+std::map<std::string, double> AcquireSummary::phases() const {
+  return {{"homing_s", homing_s},   {"mount_s", mount_s},     {"motion_s", motion_s},
+          {"settle_s", settle_s},   {"trigger_s", trigger_s}, {"transfer_s", transfer_s},
+          {"held_s", held_s},       {"rig_s", rig_s},         {"inspect_s", inspect_s},
+          {"archive_s", archive_s}, {"waited_s", waited_s},   {"wall_s", wall_s}};
+}
+
+DeviceCheck check_devices(Rig& rig, const RigFile& rig_file, const Plan& plan,
+                          const AcquireOptions& options) {
   const std::function<void(const Progress&)> progress;
-  Acquisition(rig, rig_file, plan, options, progress).check_devices();
+  Acquisition acquisition(rig, rig_file, plan, options, progress);
+  acquisition.check_devices();
+  return acquisition.try_out();
 }
 
 }  // namespace turntable

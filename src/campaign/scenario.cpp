@@ -28,12 +28,13 @@ class Reader {
     s.kind =
         json_.at("kind") == "calibration" ? ScenarioKind::kCalibration : ScenarioKind::kAttitude;
     s.dwell_s = json_.value("dwell_ms", 0.0) / 1000.0;
+    s.repeats = json_.value("repeats", 1);
     check_keys(s.kind);
     if (s.kind == ScenarioKind::kAttitude)
       read_attitude(s);
     else
       read_calibration(s);
-    check_size("", static_cast<double>(s.pose_count()) * s.repeats);
+    check_size("", static_cast<double>(s.total_poses()));
     if (s.order == PoseOrder::kNearest && s.pose_count() > kMaxNearestPoses)
       fail("/order", fmt::format("found \"nearest\" for {} poses, allowed: up to {}. Choose "
                                  "\"snake\", which is nearly as fast on a grid.",
@@ -48,10 +49,11 @@ class Reader {
 
   /// The schema lists the keys of both kinds; each kind has its own.
   void check_keys(ScenarioKind kind) const {
-    static const std::set<std::string> common{"format", "name", "title", "kind", "dwell_ms"};
-    static const std::set<std::string> attitude{"payload",      "table",   "stage_mm",
-                                                "ranges",       "order",   "order_seed",
-                                                "return_every", "repeats", "images_per_pose"};
+    static const std::set<std::string> common{"format", "name",     "title",
+                                              "kind",   "dwell_ms", "repeats"};
+    static const std::set<std::string> attitude{"payload",      "table",          "stage_mm",
+                                                "ranges",       "order",          "order_seed",
+                                                "return_every", "images_per_pose"};
     static const std::set<std::string> calibration{"planes", "images_per_plane", "polynomial_order",
                                                    "pinhole_views", "return_to_first_plane"};
     const bool is_attitude = kind == ScenarioKind::kAttitude;
@@ -90,7 +92,6 @@ class Reader {
     if (json_.contains("order_seed") && s.order != PoseOrder::kRandom)
       fail("/order_seed", fmt::format("goes with order \"random\"; this one's is \"{}\".", order));
     s.return_every = json_.value("return_every", 0);
-    s.repeats = json_.value("repeats", 1);
     s.images_per_pose = json_.value("images_per_pose", 1);
     const Json& ranges = json_.at("ranges");
     double poses = 1;
@@ -104,8 +105,8 @@ class Reader {
                fmt::format("axis {} already has a range at /ranges/{}. Give each axis one range.",
                            axis_name(axis), j));
       poses *= static_cast<double>(s.ranges.back().values_deg.size());
-      check_size("/ranges", poses);  // before the product can overflow anything
     }
+    check_size("/ranges", poses);  // before it can overflow what counts in whole numbers
   }
 
   AxisRange range(const Json& json, const std::string& at) const {
@@ -207,6 +208,12 @@ std::size_t Scenario::pose_count() const {
   return 1 + count + returns;
 }
 
+std::size_t Scenario::total_poses() const {
+  const std::size_t again =
+      kind == ScenarioKind::kCalibration ? planes.size() : pose_count();  // views and return: once
+  return pose_count() + static_cast<std::size_t>(repeats - 1) * again;
+}
+
 std::string_view pose_order_name(PoseOrder order) {
   constexpr std::array<std::string_view, 4> kNames{"as_written", "snake", "nearest", "random"};
   return kNames.at(static_cast<std::size_t>(order));
@@ -251,15 +258,7 @@ Campaign load_campaign(const std::filesystem::path& file) {
           campaign.file, at + "/scenario",
           fmt::format("found \"{}\", which is a {} file, allowed: a scenario file.", named, kind));
     Scenario scenario = load_scenario(path);
-    if (steps[i].contains("repeats")) {
-      if (scenario.kind == ScenarioKind::kCalibration)
-        throw ConfigError(
-            campaign.file, at + "/repeats",
-            fmt::format("scenario {} is a calibration, which is not repeated. Raise its "
-                        "images_per_plane instead.",
-                        scenario.name));
-      scenario.repeats = steps[i].at("repeats");
-    }
+    if (steps[i].contains("repeats")) scenario.repeats = steps[i].at("repeats");
     for (std::size_t j = 0; j < campaign.scenarios.size(); ++j)
       if (campaign.scenarios[j].name == scenario.name)
         throw ConfigError(

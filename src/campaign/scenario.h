@@ -44,7 +44,11 @@ struct Scenario {
   std::string title;
   ScenarioKind kind = ScenarioKind::kAttitude;
   double dwell_s = 0.0;
+  /// Attitude: of the whole series, each with its reference pose. Calibration: of the sweep of planes;
+  /// pinhole views are taken once, behind the last.
+  int repeats = 1;
   std::size_t pose_count() const;  ///< of one repeat, with its reference pose
+  std::size_t total_poses() const;
 
   // attitude
   Payload payload = Payload::kLedTarget;
@@ -54,14 +58,13 @@ struct Scenario {
   PoseOrder order = PoseOrder::kAsWritten;
   std::uint64_t order_seed = 1;  ///< kRandom; repeats are shuffled differently
   int return_every = 0;  ///< a pose at zero angles after so many poses, to see drift; 0 = never
-  int repeats = 1;
   int images_per_pose = 1;
 
   // calibration
   std::vector<CalibrationPlane> planes;
   int images_per_plane = 1;
   int polynomial_order = 5;            ///< or kOrderByResiduals
-  bool return_to_first_plane = false;  ///< once more at the end: what has drifted?
+  bool return_to_first_plane = false;  ///< once more at the very end: what has drifted?
   std::vector<PinholeView> pinhole_views;
 };
 

@@ -28,6 +28,11 @@ class Camera {
   /// cameras that expose always can.
   /// @throws ConfigError naming the first that it cannot, and how many there are.
   virtual void check(std::span<const Exposure>) const {}
+  /// False for one that looks up images taken earlier: a second trigger shows nothing new.
+  virtual bool exposes() const { return true; }
+  /// One exposure before anything moves, to see whether trigger and transfer work. Only of a camera
+  /// that exposes. @throws as `trigger`.
+  virtual Frame try_out() { return trigger(); }
   /// Says what the next trigger is for. Cameras that expose do not care.
   virtual void announce(const Exposure&) {}
   /// Fires one exposure and returns its frame: never an older one, never two for one trigger.

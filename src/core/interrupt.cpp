@@ -13,6 +13,7 @@ std::atomic<int> g_level{0};
 std::atomic<int> g_presses{0};  ///< of Ctrl-C
 static_assert(std::atomic<int>::is_always_lock_free, "the signal handler touches it");
 std::atomic<bool> g_stop_at_first{false};
+std::atomic<bool> g_pause_at_first{false};
 std::atomic<bool> g_pause{false};
 thread_local int t_shields = 0;
 
@@ -20,7 +21,12 @@ extern "C" void on_signal(int signal) {
   // The third press kills, whatever the first two meant: the way out needs its time.
   if (signal == SIGINT && ++g_presses > 2) std::_Exit(130);
   const int before = g_level.load();
-  const int level = signal == SIGINT && before == 0 && !g_stop_at_first ? 1 : 2;
+  if (signal == SIGINT && g_presses == 1 && before == 0 && g_pause_at_first && !g_pause) {
+    g_pause = true;
+    return;
+  }
+  const int level =
+      signal == SIGINT && before == 0 && !g_stop_at_first && !g_pause_at_first ? 1 : 2;
   if (level > before) g_level.store(level);
 }
 
@@ -33,7 +39,16 @@ void set_interrupt_level(int level) {
 }
 
 bool pause_requested() { return g_pause; }
-void request_pause(bool pause) { g_pause = pause; }
+void request_pause(bool pause) {
+  g_pause = pause;
+  if (!pause && g_level == 0) g_presses = 0;
+}
+
+PauseAtFirstInterrupt::PauseAtFirstInterrupt() { g_pause_at_first = true; }
+PauseAtFirstInterrupt::~PauseAtFirstInterrupt() {
+  g_pause_at_first = false;
+  g_pause = false;  // what comes after the poses does not pause
+}
 
 void stop_at_first_interrupt() {
   g_stop_at_first = true;

@@ -14,6 +14,13 @@
 
 namespace turntable {
 
+/// What the rig file calls a channel of telemetry.
+struct Channel {
+  std::string name;
+  /// In the channel's unit. @throws DeviceError, TimeoutError, ProtocolError, LineError.
+  std::function<double()> read;
+};
+
 struct Rig {
   Clock* clock = nullptr;
   Axis<Millimetres>* stage = nullptr;
@@ -21,6 +28,7 @@ struct Rig {
   Axis<Degrees>* roll = nullptr;
   Axis<Degrees>* pitch = nullptr;
   Camera* camera = nullptr;
+  std::vector<Channel> channels;  ///< by order of the rig file
   bool simulated = false;
   /// Stops every axis: first all commands, then all verifications. Any thread, any state. Empty =
   /// axis by axis.

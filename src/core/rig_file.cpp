@@ -1,10 +1,12 @@
 #include "src/core/rig_file.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <cmath>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <set>
 
@@ -52,6 +54,8 @@ class Reader {
       if (c.contains("file")) rig.calibration.file = folder_ / c.at("file").get<std::string>();
       if (c.contains("sweep")) rig.calibration.sweep = folder_ / c.at("sweep").get<std::string>();
     }
+    if (json_.contains("telemetry")) rig.telemetry = telemetry();
+    rig.inspection = inspection(rig);
     if (json_.contains("simulation")) rig.simulation = simulation(rig);
     const bool drawn =
         rig.pattern.kind == PatternKind::kCircles || rig.pattern.kind == PatternKind::kCircleGrid;
@@ -228,27 +232,43 @@ class Reader {
         fail(at + "/" + key,
              fmt::format("found [{}, {}] {}, allowed: lower < upper. Put the lower limit first.",
                          axis.lower, axis.upper, unit));
-      if (axis.lower < spec->travel_lower || axis.upper > spec->travel_upper)
+      const bool on_and_on = spec->endless && a.contains("cable_deg");
+      if (!on_and_on && (axis.lower < spec->travel_lower || axis.upper > spec->travel_upper))
         fail(at + "/" + key,
-             fmt::format("found [{}, {}] {}, allowed: inside the travel of {}, [{}, {}] {}.",
-                         axis.lower, axis.upper, unit, axis.stage_model, spec->travel_lower,
-                         spec->travel_upper, unit));
+             fmt::format(
+                 "found [{}, {}] {}, allowed: inside the travel of {}, [{}, {}] {}{}.", axis.lower,
+                 axis.upper, unit, axis.stage_model, spec->travel_lower, spec->travel_upper, unit,
+                 spec->endless ? "; more where \"cable_deg\" says how far the cable goes" : ""));
     }
+    read_cable(a, at, axis);
     if (axis.speed < axis.initial_speed)
       fail(
           at,
           fmt::format(
               "speed {} {}/s is below the initial speed {} {}/s. Raise the one or lower the other.",
               axis.speed, unit, axis.initial_speed, unit));
-    if (axis.upper - axis.lower <= 2 * std::abs(axis.backlash))
-      fail(at, fmt::format("limits [{}, {}] {} leave no room for the approach overshoot of {} {}.",
-                           axis.lower, axis.upper, unit, axis.backlash, unit));
+    if (axis.reach_upper() - axis.reach_lower() <= 2 * std::abs(axis.backlash))
+      fail(at, fmt::format("{} [{}, {}] {} leave no room for the approach overshoot of {} {}.",
+                           axis.has_cable() ? "limits and cable, together" : "limits",
+                           axis.reach_lower(), axis.reach_upper(), unit, axis.backlash, unit));
     if (axis.tolerance < 0.5 * axis.per_step())
       fail(at + "/tolerance_" + unit,
            fmt::format("found {} {}, allowed: at least half a pulse, {} {}; the controller cannot "
                        "come closer.",
                        axis.tolerance, unit, 0.5 * axis.per_step(), unit));
     return axis;
+  }
+
+  void read_cable(const Json& a, const std::string& at, AxisConfig& axis) const {
+    if (!a.contains("cable_deg")) return;
+    axis.cable_lower = a.at("cable_deg").at(0);
+    axis.cable_upper = a.at("cable_deg").at(1);
+    if (!(axis.cable_lower <= 0.0 && axis.cable_upper >= 0.0 &&
+          axis.cable_lower < axis.cable_upper))
+      fail(at + "/cable_deg",
+           fmt::format("found [{}, {}] deg, allowed: lower < upper with 0 between them. The angles "
+                       "count from home, where the cable has to be free.",
+                       axis.cable_lower, axis.cable_upper));
   }
 
   static std::string controller_names(const RigFile& rig) {
@@ -485,6 +505,98 @@ class Reader {
     return target;
   }
 
+  TelemetryConfig telemetry() const {
+    const Json& t = json_.at("telemetry");
+    TelemetryConfig telemetry;
+    telemetry.every_s = t.value("every_s", telemetry.every_s);
+    for (const auto& [name, c] : t.at("channels").items())
+      telemetry.channels.push_back(channel(name, c));
+    return telemetry;
+  }
+
+  ChannelConfig channel(const std::string& name, const Json& c) const {
+    using Source = ChannelConfig::Source;
+    const std::string at = "/telemetry/channels/" + name;
+    ChannelConfig channel;
+    channel.name = name;
+    channel.unit = c.at("unit");
+    std::vector<std::string> sources;
+    for (const auto& [key, source] :
+         {std::pair("file", Source::kFile), std::pair("ask", Source::kAsk),
+          std::pair("register", Source::kRegister), std::pair("simulated", Source::kSimulated)}) {
+      if (!c.contains(key)) continue;
+      channel.source = source;
+      sources.emplace_back(key);
+    }
+    const bool wired = channel.source == Source::kAsk || channel.source == Source::kRegister;
+    if (sources.size() != 1 || c.contains("line") != wired)
+      fail(at,
+           fmt::format("found {}{}, allowed: exactly one of \"file\", \"simulated\", \"ask\" "
+                       "with a \"line\", and \"register\" with a \"line\".",
+                       sources.empty() ? "no source" : fmt::format("{}", fmt::join(sources, ", ")),
+                       c.contains("line") ? " with a line" : ""));
+    for (const char* key : {"slave", "holding", "signed"})
+      if (c.contains(key) && channel.source != Source::kRegister)
+        fail(at + "/" + key, "means something only beside \"register\". Remove it.");
+    if (channel.source == Source::kFile) channel.path = folder_ / c.at("file").get<std::string>();
+    if (wired) channel.line = line(c.at("line"));
+    channel.reply_timeout_s = c.value("reply_timeout_ms", 500.0) / 1000.0;
+    channel.ask = c.value("ask", "");
+    channel.register_at = c.value("register", 0);
+    channel.slave = c.value("slave", 1);
+    channel.holding = c.value("holding", false);
+    channel.is_signed = c.value("signed", false);
+    if (channel.source == Source::kSimulated) {
+      const Json& sine = c.at("simulated");
+      channel.mean = sine.at("mean");
+      channel.amplitude = sine.value("amplitude", 0.0);
+      channel.period_s = sine.value("period_s", 3600.0);
+    }
+    channel.scale = c.value("scale", 1.0);
+    channel.offset = c.value("offset", 0.0);
+    if (c.contains("hold")) channel.hold = hold(at + "/hold", c.at("hold"));
+    return channel;
+  }
+
+  ChannelConfig::Hold hold(const std::string& at, const Json& h) const {
+    ChannelConfig::Hold hold;
+    hold.lower = h.at("outside").at(0);
+    hold.upper = h.at("outside").at(1);
+    const Json& resume = h.contains("resume_inside") ? h.at("resume_inside") : h.at("outside");
+    hold.resume_lower = resume.at(0);
+    hold.resume_upper = resume.at(1);
+    hold.for_s = h.value("for_s", 0.0);
+    hold.give_up_s = h.value("give_up_s", 0.0);
+    if (!(hold.lower < hold.upper))
+      fail(at + "/outside",
+           fmt::format("found [{}, {}], allowed: lower < upper. Put the lower first.", hold.lower,
+                       hold.upper));
+    if (!(hold.resume_lower < hold.resume_upper) || hold.resume_lower < hold.lower ||
+        hold.resume_upper > hold.upper)
+      fail(at + "/resume_inside",
+           fmt::format(
+               "found [{}, {}], allowed: lower < upper, and inside [{}, {}]: a band no wider "
+               "than the one that is left.",
+               hold.resume_lower, hold.resume_upper, hold.lower, hold.upper));
+    return hold;
+  }
+
+  InspectionConfig inspection(const RigFile& rig) const {
+    InspectionConfig inspection;
+    // As near as the evaluation has to come to tell the LEDs apart.
+    double nearest = std::numeric_limits<double>::infinity();
+    for (std::size_t i = 0; i < rig.target.points_mm.size(); ++i)
+      for (std::size_t j = i + 1; j < rig.target.points_mm.size(); ++j)
+        nearest = std::min(nearest, (rig.target.points_mm[i] - rig.target.points_mm[j]).norm());
+    inspection.max_residual_mm = 0.25 * nearest;
+    if (!json_.contains("inspection")) return inspection;
+    const Json& i = json_.at("inspection");
+    inspection.retakes = i.value("retakes", inspection.retakes);
+    inspection.max_blur_px = i.value("max_blur_px", inspection.max_blur_px);
+    inspection.max_residual_mm = i.value("max_residual_mm", inspection.max_residual_mm);
+    return inspection;
+  }
+
   SimulationConfig simulation(const RigFile& rig) const {
     const Json& s = json_.at("simulation");
     SimulationConfig sim;
@@ -555,6 +667,16 @@ AxisId axis_from_name(std::string_view name) {
 
 std::string_view axis_unit(AxisId axis) { return axis == AxisId::kStage ? "mm" : "deg"; }
 
+std::optional<AxisBound> AxisConfig::bound_against(double position) const {
+  if (!(position >= lower && position <= upper))
+    return AxisBound{"soft limits", fmt::format("/axes/{}/limits_{}", axis_name(id), unit()), lower,
+                     upper};
+  if (!(position >= cable_lower && position <= cable_upper))
+    return AxisBound{"cable range", fmt::format("/axes/{}/cable_{}", axis_name(id), unit()),
+                     cable_lower, cable_upper};
+  return {};
+}
+
 std::string_view payload_name(Payload payload) {
   return payload == Payload::kCirclePattern ? "circle_pattern" : "led_target";
 }
@@ -579,6 +701,10 @@ const ControllerConfig& RigFile::controller(const std::string& controller_name) 
 
 bool RigFile::simulated() const {
   return camera.model == "simulated" || camera.simulated ||
+         std::ranges::any_of(telemetry.channels,
+                             [](const ChannelConfig& c) {
+                               return c.source == ChannelConfig::Source::kSimulated;
+                             }) ||
          std::ranges::any_of(controllers, [](const ControllerConfig& c) {
            return c.line.kind == LineConfig::Kind::kSimulated;
          });

@@ -3,9 +3,11 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <map>
 #include <optional>
 #include <string>
@@ -65,6 +67,13 @@ struct ControllerConfig {
   std::vector<OutputConfig> outputs;
 };
 
+/// What keeps an axis from going on. Units of the axis.
+struct AxisBound {
+  std::string_view what;  ///< "soft limits" or "cable range"
+  std::string place;      ///< JSON pointer in the rig file
+  double lower{}, upper{};
+};
+
 /// Units of the axis: mm or deg, per second.
 struct AxisConfig {
   AxisId id{};
@@ -74,6 +83,10 @@ struct AxisConfig {
   StageKind kind{};
   double steps_per_rev{}, drive_ratio{}, lead_mm{};
   double lower{}, upper{};  ///< soft limits; the overshoot has to stay inside too
+  /// Where the cable stays free, and the overshoot too: mechanics may allow more. Infinite = not
+  /// stated.
+  double cable_lower = -std::numeric_limits<double>::infinity();
+  double cable_upper = std::numeric_limits<double>::infinity();
   double initial_speed{}, speed{}, acceleration{}, home_speed{};
   double repeatability{};
   double backlash{};   ///< overshoot of the one-sided approach; sign = final direction; 0 = none
@@ -82,6 +95,12 @@ struct AxisConfig {
   int retries{};
 
   std::string_view unit() const { return axis_unit(id); }
+  /// What soft limits and cable both allow.
+  double reach_lower() const { return std::max(lower, cable_lower); }
+  double reach_upper() const { return std::min(upper, cable_upper); }
+  bool has_cable() const { return cable_lower > -std::numeric_limits<double>::infinity(); }
+  /// The soft limits or, if they allow `position`, the cable; nothing if both do. NaN is refused.
+  std::optional<AxisBound> bound_against(double position) const;
   double per_step() const {
     return kind == StageKind::kRotary ? 360.0 / (drive_ratio * steps_per_rev)
                                       : lead_mm / steps_per_rev;
@@ -204,6 +223,49 @@ struct SimulationConfig {
   ImageTruth image;
 };
 
+/// A reading beside the motion: a temperature, a pressure, a supply. Values in `unit`.
+struct ChannelConfig {
+  std::string name;
+  std::string unit;
+  /// kFile: the first number of a text file (sysfs, or another program's). kAsk: a query in text and
+  /// the first number of its answer. kRegister: a Modbus input or holding register. kSimulated: a
+  /// sine of the rig's time.
+  enum class Source { kFile, kAsk, kRegister, kSimulated } source = Source::kFile;
+  std::filesystem::path path;    ///< kFile
+  LineConfig line;               ///< kAsk, kRegister
+  double reply_timeout_s = 0.5;  ///< kAsk, kRegister
+  std::string ask;               ///< kAsk, without its CR
+  int register_at = 0;           ///< kRegister: address on the wire
+  int slave = 1;
+  bool holding = false;                                ///< kRegister: function 3 instead of 4
+  bool is_signed = false;                              ///< kRegister
+  double mean = 0.0, amplitude = 0.0, period_s = 1.0;  ///< kSimulated
+  double scale = 1.0, offset = 0.0;                    ///< value = scale * reading + offset
+
+  /// Poses wait while the channel is outside: from when it leaves [lower, upper] until it has been
+  /// inside [resume_lower, resume_upper] for `for_s`.
+  struct Hold {
+    double lower = 0.0, upper = 0.0;
+    double resume_lower = 0.0, resume_upper = 0.0;
+    double for_s = 0.0;
+    double give_up_s = 0.0;  ///< the run ends after so long; 0 = never
+  };
+  std::optional<Hold> hold;
+};
+
+struct TelemetryConfig {
+  double every_s = 10.0;
+  std::vector<ChannelConfig> channels;
+};
+
+/// When is an image taken again in place?
+struct InspectionConfig {
+  int retakes = 2;           ///< of one image, at most
+  double max_blur_px = 3.0;  ///< standard deviation of the blur
+  double max_residual_mm{};  ///< of an LED from where the nominal camera would see it, a common
+                             ///< offset apart
+};
+
 struct CalibrationSource {
   std::filesystem::path file;   ///< a finished calibration
   std::filesystem::path sweep;  ///< or the scenario that makes one
@@ -220,6 +282,8 @@ struct RigFile {
   PatternConfig pattern;
   TargetConfig target;
   CalibrationSource calibration;
+  TelemetryConfig telemetry;
+  InspectionConfig inspection;
   std::optional<SimulationConfig> simulation;
   std::string source;  ///< the text it was read from, for provenance
 

@@ -12,13 +12,13 @@ using enum StageKind;
 // RAK and TSA series were not at hand: backlash and ramps are assumptions, to be overridden by the
 // rig file once measured.
 constexpr StageSpec kStageSpecs[] = {
-    // model            kind     steps ratio lead  travel     v0   v     a    vhome repeat backlash
+    // model            kind     steps ratio lead  travel     v0   v     a    vhome repeat backlash endless
     // source
-    {"zolix-tsa200", kLinear, 1600, 1, 4.0, -2, 202, 1.0, 20, 50, 5, 0.003, 0.05,
+    {"zolix-tsa200", kLinear, 1600, 1, 4.0, -2, 202, 1.0, 20, 50, 5, 0.003, 0.05, false,
      "3 um: paper; lead: assumed"},
-    {"zolix-rak200", kRotary, 1600, 180, 0, -180, 180, 1.0, 25, 50, 5, 0.005, 0.5,
+    {"zolix-rak200", kRotary, 1600, 180, 0, -180, 180, 1.0, 25, 50, 5, 0.005, 0.5, true,
      "180:1: public drivers; 0.005 deg: paper"},
-    {"zolix-rak100", kRotary, 1600, 180, 0, -180, 180, 1.0, 25, 50, 5, 0.005, 0.5,
+    {"zolix-rak100", kRotary, 1600, 180, 0, -180, 180, 1.0, 25, 50, 5, 0.005, 0.5, true,
      "180:1: public drivers; 0.005 deg: paper"},
 };
 

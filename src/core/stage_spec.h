@@ -21,6 +21,7 @@ struct StageSpec {
   double repeatability;  ///< unit, as the data sheet states it: two standard deviations
   double
       backlash;  ///< unit; overshoot of the one-sided approach, sign = final direction of approach
+  bool endless;  ///< turns on and on: travel is one turn of it, and only a cable ends it
   std::string_view source;  ///< where the numbers come from
 
   /// Engineering units per pulse.

@@ -6,9 +6,11 @@
 #include <array>
 #include <atomic>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <numeric>
+#include <set>
 #include <span>
 
 #include "src/core/errors.h"
@@ -155,6 +157,47 @@ Vector2d shift_px(const std::vector<PlanePoint>& first, const std::vector<PlaneP
   return count > 0 ? Vector2d(sum / count) : Vector2d(NAN, NAN);
 }
 
+/// Of a level pattern; the lens changes it by a few percent over the image.
+double mm_per_px(const std::vector<PlanePoint>& points) {
+  Vector2d mean_px = Vector2d::Zero(), mean_mm = Vector2d::Zero();
+  const auto count = static_cast<double>(points.size());
+  for (const PlanePoint& p : points) {
+    mean_px += p.pixel_px / count;
+    mean_mm += p.on_plane_mm / count;
+  }
+  double square_px = 0.0, square_mm = 0.0;
+  for (const PlanePoint& p : points) {
+    square_px += (p.pixel_px - mean_px).squaredNorm();
+    square_mm += (p.on_plane_mm - mean_mm).squaredNorm();
+  }
+  return std::sqrt(square_mm / square_px);  // NaN without points
+}
+
+/// Standard deviation of a point over the visits, u and v together, of the points that all show; NaN
+/// without two visits or without such points.
+double scatter_px(const std::vector<std::vector<PlanePoint>>& visits) {
+  struct Sums {
+    Vector2d mean_px = Vector2d::Zero();
+    double square_px = 0.0;  ///< of the distances from the mean
+    std::size_t count = 0;
+  };
+  std::map<Name, Sums> points;
+  for (const auto& visit : visits)
+    for (const PlanePoint& p : visit) {  // Welford (1962)
+      Sums& s = points[{p.row, p.column}];
+      const Vector2d off = p.pixel_px - s.mean_px;
+      s.mean_px += off / static_cast<double>(++s.count);
+      s.square_px += off.dot(p.pixel_px - s.mean_px);
+    }
+  double square = 0.0, freedom = 0.0;
+  for (const auto& [name, s] : points)
+    if (s.count == visits.size()) {
+      square += s.square_px;
+      freedom += static_cast<double>(s.count - 1);
+    }
+  return freedom > 0.0 ? std::sqrt(square / freedom) : std::numeric_limits<double>::quiet_NaN();
+}
+
 bool shows_a_plane(const PlannedPose& pose) {
   return pose.role == PoseRole::kPlaneFit || pose.role == PoseRole::kPlaneCheck;
 }
@@ -227,6 +270,8 @@ CalibrationSet sweep_set(const RunRecord& record, const RunFolder& folder, const
   struct Place {
     Mean mean;
     std::vector<Mean> visits;
+    std::set<std::pair<std::size_t, int>> sweeps;  ///< scenario and repeat
+    std::vector<std::size_t> repeats;              ///< visits that are no return
     std::vector<double> stage_mm;
     std::vector<const PatternSearch*> views;
     bool fit = false;
@@ -244,6 +289,8 @@ CalibrationSet sweep_set(const RunRecord& record, const RunFolder& folder, const
       place->fit = poses[k]->planned.role == PoseRole::kPlaneFit;
       place->visits.emplace_back();
       place->stage_mm.push_back(poses[k]->stage.position);
+      if (place->sweeps.emplace(poses[k]->planned.scenario, poses[k]->planned.repeat).second)
+        place->repeats.push_back(place->visits.size() - 1);
     }
     for (const Task& task : tasks) {
       if (task.pose != k) continue;
@@ -268,9 +315,17 @@ CalibrationSet sweep_set(const RunRecord& record, const RunFolder& folder, const
     stage.visits = static_cast<int>(place.stage_mm.size());
     stage.stage_mm =
         std::accumulate(place.stage_mm.begin(), place.stage_mm.end(), 0.0) / stage.visits;
+    std::vector<std::vector<PlanePoint>> seen;  // at each visit
+    for (const Mean& visit : place.visits) seen.push_back(visit.points(0));
     if (stage.visits > 1) {
+      const double scale = mm_per_px(seen.front());
       stage.drift_mm = place.stage_mm.back() - place.stage_mm.front();
-      stage.drift_px = shift_px(place.visits.front().points(0), place.visits.back().points(0));
+      stage.drift_px = shift_px(seen.front(), seen.back());
+      stage.drift_plane_mm = scale * stage.drift_px.norm();
+      std::vector<std::vector<PlanePoint>> repeats;
+      for (const std::size_t visit : place.repeats) repeats.push_back(std::move(seen[visit]));
+      stage.repeat_rms_px = scatter_px(repeats);
+      stage.repeat_rms_mm = scale * stage.repeat_rms_px;
     }
     set.stage.push_back(stage);
     set.planes.push_back({stage.stage_mm, place.fit, place.mean.points(stage.stage_mm)});

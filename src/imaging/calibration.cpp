@@ -27,6 +27,10 @@ constexpr std::array<std::pair<const char*, double ModelRow::*>, 6> kModelNumber
      {"held_out_max_mm", &ModelRow::held_out_max_mm},
      {"held_out_rms_px", &ModelRow::held_out_rms_px},
      {"held_out_max_px", &ModelRow::held_out_max_px}}};
+constexpr std::array<std::pair<const char*, double PlaneVisits::*>, 3> kVisitNumbers{
+    {{"drift_plane_mm", &PlaneVisits::drift_plane_mm},
+     {"repeat_rms_px", &PlaneVisits::repeat_rms_px},
+     {"repeat_rms_mm", &PlaneVisits::repeat_rms_mm}}};
 constexpr std::array<std::pair<const char*, double Calibration::*>, 4> kFitNumbers{
     {{"loo_rms_mm", &Calibration::loo_rms_mm},
      {"chi2_per_dof", &Calibration::chi2_per_dof},
@@ -285,6 +289,7 @@ std::string calibration_to_json(const Calibration& c) {
                        {"visits", p.visits},
                        {"drift_mm", p.drift_mm}};
     if (p.drift_px.allFinite()) visits["drift_px"] = {p.drift_px.x(), p.drift_px.y()};
+    for (const auto& [key, member] : kVisitNumbers) put(visits, key, p.*member);
     json["stage"].push_back(visits);
   }
   for (const UsedImage& i : c.images)
@@ -387,6 +392,7 @@ Calibration parse_calibration(const std::string& text, const std::string& name) 
     if (j.contains("drift_px"))
       c.stage.back().drift_px = {j.at("drift_px").at(0).get<double>(),
                                  j.at("drift_px").at(1).get<double>()};
+    for (const auto& [key, member] : kVisitNumbers) c.stage.back().*member = get(j, key);
   }
   for (const Json& j : json.value("images", Json::array()))
     c.images.push_back({j.at("file"), j.at("sha256")});

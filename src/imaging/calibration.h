@@ -26,7 +26,7 @@ struct PlaneResidual {
   double noise_gain = std::numeric_limits<double>::quiet_NaN();
 };
 
-/// Where the stage stood at one plane, as it read itself back.
+/// How one plane was visited: where the stage read itself back, and how the pattern came to lie.
 struct PlaneVisits {
   double z_mm = 0.0;      ///< asked for
   double stage_mm = 0.0;  ///< mean of what was read back
@@ -34,6 +34,13 @@ struct PlaneVisits {
   double drift_mm = 0.0;  ///< read back at the last visit minus the first
   /// Mean shift of the pattern's points between the same; NaN if they share none.
   Vector2d drift_px = Vector2d::Zero();
+  /// Its length on the plane; NaN as above, or if there was one visit.
+  double drift_plane_mm = std::numeric_limits<double>::quiet_NaN();
+  /// Standard deviation of a point's image over the repeats of the sweep (each approached anew; a
+  /// return at its end is none), u and v together, pooled over the points that all of them show. The
+  /// noise of the images is in it. NaN with fewer than two repeats.
+  double repeat_rms_px = std::numeric_limits<double>::quiet_NaN();
+  double repeat_rms_mm = std::numeric_limits<double>::quiet_NaN();  ///< the same on the plane
 };
 
 /// One camera model judged beside the others (`compare_models`). NaN where it has no value.

@@ -35,7 +35,7 @@ struct PlannedPose {
   std::size_t scenario = 0;  ///< in Plan::scenarios
   PoseRole role = PoseRole::kMeasure;
   Payload payload = Payload::kLedTarget;
-  int repeat = 1;  ///< from 1
+  int repeat = 1;  ///< from 1; of the series, or of the sweep of planes
   /// Attitude: visit within the repeat, 0 = reference; calibration: entry of planes or
   /// pinhole_views.
   int point = 0;

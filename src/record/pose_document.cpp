@@ -47,11 +47,17 @@ Json pose_data(const TakenPose& taken, std::string_view scenario_name) {
             {"repeat", p.repeat},
             {"point", p.point},
             {"rig_time_s", taken.rig_time_s},
+            {"motion_s", taken.phases.motion_s},
+            {"settle_s", taken.phases.settle_s},
+            {"trigger_s", taken.phases.trigger_s},
+            {"transfer_s", taken.phases.transfer_s},
             {"image_files", Json::array()},
             {"image_sha256", Json::array()},
             {"frame_ids", Json::array()},
             {"exposed_s", Json::array()},
-            {"spots", Json::array()}};
+            {"spots", Json::array()},
+            {"retakes", Json::array()},
+            {"complaints", Json::array()}};
   for (const AxisId id : kAllAxes) {
     const AxisKeys keys = keys_of(id);
     const AxisReadback& axis = taken.axis(id);
@@ -67,6 +73,8 @@ Json pose_data(const TakenPose& taken, std::string_view scenario_name) {
     data["frame_ids"].push_back(image.frame_id);
     data["exposed_s"].push_back(image.exposed_s);
     data["spots"].push_back(spots_json(image.spots));
+    data["retakes"].push_back(image.retakes);
+    data["complaints"].push_back(image.complaint);
   }
   return data;
 }
@@ -80,7 +88,8 @@ Json pose_data_keys(const TakenPose& example) {
   };
   for (const char* key : {"pose_id", "scenario", "role"}) add(key, "plan", "string", "");
   for (const char* key : {"pose_index", "repeat", "point"}) add(key, "plan", "integer", "");
-  add("rig_time_s", "rig clock", "number", "s");
+  for (const char* key : {"rig_time_s", "motion_s", "settle_s", "trigger_s", "transfer_s"})
+    add(key, "rig clock", "number", "s");
   for (const AxisId id : kAllAxes) {
     const AxisKeys names = keys_of(id);
     const std::string source = fmt::format("axis:{}", axis_name(id));
@@ -90,7 +99,8 @@ Json pose_data_keys(const TakenPose& example) {
     add(names.retries, source.c_str(), "integer", "");
     add(names.overshot, source.c_str(), "boolean", "");
   }
-  for (const char* key : {"image_files", "image_sha256", "frame_ids", "exposed_s", "spots"}) {
+  for (const char* key : {"image_files", "image_sha256", "frame_ids", "exposed_s", "spots",
+                          "retakes", "complaints"}) {
     add(key, "camera", "array", "");
     keys[key]["shape"] = {example.images.size()};
   }
@@ -106,10 +116,13 @@ TakenPose pose_from_data(const Json& data) {
                       data.at(keys.retries).get<int>(), data.at(keys.overshot).get<bool>()};
   }
   taken.rig_time_s = data.at("rig_time_s");
+  taken.phases = {data.at("motion_s"), data.at("settle_s"), data.at("trigger_s"),
+                  data.at("transfer_s")};
   for (std::size_t i = 0; i < data.at("frame_ids").size(); ++i)
     taken.images.push_back({data.at("image_files").at(i), data.at("image_sha256").at(i),
                             data.at("frame_ids").at(i), data.at("exposed_s").at(i),
-                            spots_from(data.at("spots").at(i))});
+                            spots_from(data.at("spots").at(i)), data.at("retakes").at(i),
+                            data.at("complaints").at(i)});
   return taken;
 }
 

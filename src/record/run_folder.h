@@ -69,6 +69,15 @@ struct TakenImage {
   std::uint64_t frame_id = 0;
   double exposed_s = 0.0;                       ///< start of exposure on the rig's clock
   std::optional<std::vector<TakenSpot>> spots;  ///< LED target only; brightest first
+  int retakes = 0;        ///< exposures before this one that were found bad at once
+  std::string complaint;  ///< what is wrong with this one, after the last retake; empty = nothing
+};
+
+/// Where a pose's time went, on the rig's clock.
+struct PosePhases {
+  double motion_s = 0.0, settle_s = 0.0;
+  double trigger_s = 0.0;  ///< up to the beginning of an exposure, retakes and lost frames included
+  double transfer_s = 0.0;  ///< from there until the frame was in hand
 };
 
 struct TakenPose {
@@ -76,6 +85,7 @@ struct TakenPose {
   AxisReadback stage, yaw, roll, pitch;
   std::vector<TakenImage> images;
   double rig_time_s = 0.0;  ///< when the axes had settled, on the rig's clock
+  PosePhases phases;
 
   AxisReadback& axis(AxisId id);
   const AxisReadback& axis(AxisId id) const;

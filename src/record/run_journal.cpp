@@ -78,6 +78,32 @@ void RunJournal::pose(const TakenPose& taken, std::string_view scenario_name, bo
         pose_data_keys(taken));
 }
 
+void RunJournal::telemetry(const TelemetryReading& reading, const TelemetryConfig& config) {
+  Json data{{"rig_time_s", reading.rig_time_s}, {"trouble", reading.trouble}};
+  Json keys{
+      {"rig_time_s",
+       {{"source", "rig clock"}, {"dtype", "number"}, {"shape", Json::array()}, {"units", "s"}}},
+      {"trouble", {{"source", "rig"}, {"dtype", "string"}, {"shape", Json::array()}}}};
+  for (std::size_t i = 0; i < config.channels.size(); ++i) {
+    const ChannelConfig& channel = config.channels[i];
+    data[channel.name] = reading.values[i] ? Json(*reading.values[i]) : Json(nullptr);
+    keys[channel.name] = {{"source", "channel:" + channel.name},
+                          {"dtype", "number"},
+                          {"shape", Json::array()},
+                          {"units", channel.unit}};
+  }
+  event("telemetry", data, keys);
+}
+
+void RunJournal::time(const std::map<std::string, double>& phases_s) {
+  Json keys = Json::object();
+  for (const auto& [phase, s] : phases_s)
+    keys[phase] = {
+        {"source", "program"}, {"dtype", "number"}, {"shape", Json::array()}, {"units", "s"}};
+  event("time", phases_s, keys);
+  sync();
+}
+
 void RunJournal::interruption(std::string_view what, const std::string& reason) {
   const auto text = [](const char* source) {
     return Json{{"source", source}, {"dtype", "string"}, {"shape", Json::array()}};

@@ -1,14 +1,16 @@
 // Writes a run's documents into its journal, in the order and shape of Bluesky's event model:
 // start, descriptors "primary" (one event per pose), "overlap" (poses that a resumed session took
-// again), "baseline" (the axes at start and end) and "interruptions" (pause and going on), events,
-// stop. A resumed run goes on in the same file with a start document of its own, which names the
+// again), "baseline" (the axes at start and end), "telemetry", "interruptions" (pause, suspend and
+// going on) and "time" (where a session's time went), events, stop. A resumed run goes on in the same file with a start document of its own, which names the
 // first one's uid in `resumes`.
 #pragma once
 
 #include <array>
 #include <map>
+#include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "src/record/journal.h"
 #include "src/record/run_folder.h"
@@ -16,6 +18,13 @@
 namespace turntable {
 
 inline constexpr std::string_view kOverlapStream = "overlap";
+
+/// The channels of the rig file at one moment.
+struct TelemetryReading {
+  double rig_time_s = 0.0;
+  std::vector<std::optional<double>> values;  ///< by order of the rig file; nothing if unreadable
+  std::string trouble;                        ///< why a channel could not be read
+};
 
 /// Not thread-safe. Every function @throws RecordError.
 class RunJournal {
@@ -31,7 +40,10 @@ class RunJournal {
   void baseline(const std::array<double, kAllAxes.size()>& positions);
   /// Not to be relied on before `sync`.
   void pose(const TakenPose& taken, std::string_view scenario_name, bool overlap = false);
-  /// On disk when this returns. @param what "pause", "resume"
+  void telemetry(const TelemetryReading& reading, const TelemetryConfig& config);
+  /// Where a session's time went, s by phase. On disk when this returns.
+  void time(const std::map<std::string, double>& phases_s);
+  /// On disk when this returns. @param what "pause", "suspend", "resume"
   void interruption(std::string_view what, const std::string& reason);
   /// All poses so far are on the medium when this returns.
   void sync() { journal_.sync(); }

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "src/core/errors.h"
@@ -141,16 +142,26 @@ std::string central_text(const Calibration& c) {
 std::string stage_text(const Calibration& c) {
   if (c.stage.empty()) return {};
   std::string md =
-      "| stage asked / mm | read back / mm | visits | drift read back / mm | drift seen / px |\n"
-      "|--:|--:|--:|--:|--:|\n";
+      "| stage asked / mm | read back / mm | visits | repeats / px rms | repeats / mm rms | drift "
+      "read back / mm | drift seen / px | drift seen / mm |\n"
+      "|--:|--:|--:|--:|--:|--:|--:|--:|\n";
   for (const PlaneVisits& s : c.stage)
     md += s.visits > 1
-              ? fmt::format("| {:.3f} | {:.5f} | {} | {:.5f} | ({:.4f}, {:.4f}) |\n", s.z_mm,
-                            s.stage_mm, s.visits, s.drift_mm, s.drift_px.x(), s.drift_px.y())
-              : fmt::format("| {:.3f} | {:.5f} | 1 | - | - |\n", s.z_mm, s.stage_mm);
-  return md +
-         "\nDrift: last visit minus first. The mean shift of the pattern's points shows what moved "
-         "between camera and pattern, whatever the stage says.\n\n";
+              ? fmt::format("| {:.3f} | {:.5f} | {} | {} | {} | {:.5f} | ({}, {}) | {} |\n", s.z_mm,
+                            s.stage_mm, s.visits, cell(s.repeat_rms_px, 4),
+                            cell(s.repeat_rms_mm, 5), s.drift_mm, cell(s.drift_px.x(), 4),
+                            cell(s.drift_px.y(), 4), cell(s.drift_plane_mm, 5))
+              : fmt::format("| {:.3f} | {:.5f} | 1 | - | - | - | - | - |\n", s.z_mm, s.stage_mm);
+  md +=
+      "\nDrift: last visit minus first. The mean shift of the pattern's points shows what moved "
+      "between camera and pattern, whatever the stage says.\n\n";
+  if (std::ranges::any_of(c.stage,
+                          [](const PlaneVisits& s) { return std::isfinite(s.repeat_rms_px); }))
+    md +=
+        "Repeats: standard deviation of a point's image over the repeats of the sweep, each plane "
+        "approached anew, u and v together; the noise of the images is in it. A return to the "
+        "first plane counts as drift only.\n\n";
+  return md;
 }
 
 void make_folder(const fs::path& folder) {

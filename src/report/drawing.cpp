@@ -7,7 +7,11 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cstdlib>
+#include <cstring>
 
+#include "src/core/errors.h"
+#include "src/core/json_document.h"
 #include "src/core/parallel.h"
 #include "src/record/atomic_file.h"
 
@@ -38,9 +42,9 @@ bool run_gnuplot(const std::filesystem::path& script) {
 
 std::string script_of(const Draft& draft) {
   std::string commands = draft.commands;
-  const std::string data = draft.figure.name + ".csv";
-  for (std::size_t at; (at = commands.find("DATA")) != std::string::npos;)
-    commands.replace(at, 4, data);
+  const std::string data = "'" + draft.figure.name + ".csv'";
+  for (std::size_t at = 0; (at = commands.find("'DATA'", at)) != std::string::npos;)
+    commands.replace(at, 6, data);
   return fmt::format(
       "set terminal svg standalone size {} dynamic noenhanced background rgb 'white' font "
       "'sans,13'\n"
@@ -59,6 +63,30 @@ std::vector<Figure> draw(const std::filesystem::path& folder, const std::vector<
     figures[i].drawn = run_gnuplot(folder / (figures[i].name + ".gp"));
   });
   return figures;
+}
+
+std::string draw_svg(const Draft& draft, std::string_view csv) {
+  namespace fs = std::filesystem;
+  std::string pattern = (fs::temp_directory_path() / "turntable_XXXXXX").string();
+  if (::mkdtemp(pattern.data()) == nullptr)
+    throw RecordError(
+        fmt::format("{}: no temporary folder can be made there: {}. Make room, or "
+                    "name another place in TMPDIR.",
+                    fs::temp_directory_path().string(), std::strerror(errno)));
+  const fs::path folder = pattern;
+  struct Remove {
+    const fs::path& folder;
+    ~Remove() {
+      std::error_code ignored;
+      fs::remove_all(folder, ignored);
+    }
+  } const remove{folder};
+  write_atomically(folder / (draft.figure.name + ".csv"), csv);
+  if (!draw(folder, {draft}).front().drawn)
+    throw ConfigError("gnuplot", "",
+                      "could not draw the picture. Install it (Debian: gnuplot-nox) or make it "
+                      "found in PATH, or do without a picture.");
+  return read_text(folder / (draft.figure.name + ".svg"));
 }
 
 std::string figures_markdown(const std::vector<Figure>& figures) {

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "src/record/csv.h"
+#include "src/report/trajectory.h"
 
 namespace turntable {
 namespace {
@@ -24,12 +25,9 @@ void trajectory_figure(const std::filesystem::path& folder, const RunRecord& rec
   draft.figure.name = "figure13_" + info.name;
   draft.figure.caption =
       fmt::format("Motion of the turntable, {}, first repeat (as figure 13).", info.title);
-  draft.commands = fmt::format(
-      "set xlabel 'pose'\nset ylabel 'angle / deg'\n"
-      "plot 'DATA' every ::1 using 1:4 with steps lw 1.5 lc rgb '{}' title 'yaw (z)', "
-      "'' every ::1 using 1:5 with steps lw 1.5 dt 2 lc rgb '{}' title 'roll (y)', "
-      "'' every ::1 using 1:6 with steps lw 1.5 dt 4 lc rgb '{}' title 'pitch (x)'\n",
-      kColours[0], kColours[1], kColours[2]);
+  if (info.axes.size() > 1) draft.size = "1200,560";
+  draft.commands =
+      "set multiplot\n" + trajectory_commands(info.axes, "every ::1", {}) + "unset multiplot\n";
   csv.write(folder / (draft.figure.name + ".csv"));
   drafts.push_back(std::move(draft));
 }

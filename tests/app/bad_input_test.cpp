@@ -128,6 +128,22 @@ TEST(BadArguments, AreRefused) {
   }
 }
 
+TEST(BadArguments, APictureThatCannotBeDrawnIsNotWritten) {
+  TemporaryFolder folder;
+  const std::string plan =
+      "plan scenarios/uniaxial_z.json --rig scenarios/rigs/simulated.json --picture ";
+  const Outcome named = turntable_program(plan + (folder / "way.png").string());
+  EXPECT_EQ(named.code, 2) << named.output;
+  EXPECT_NE(named.output.find("way.png, allowed: a name that ends in .svg"), std::string::npos)
+      << named.output;
+  spill(folder / "way.svg", "an older one");
+  const Outcome drawn = turntable_program(plan + (folder / "way.svg").string(), "PATH=/nowhere");
+  EXPECT_EQ(drawn.code, 2) << drawn.output;
+  EXPECT_NE(drawn.output.find("gnuplot"), std::string::npos) << drawn.output;
+  EXPECT_EQ(slurp(folder / "way.svg"), "an older one");
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), fs::directory_iterator()), 1);
+}
+
 TEST(BadArguments, AnExistingRunFolderIsNeverWrittenOver) {
   TemporaryFolder folder;
   fs::create_directories(folder / "out");

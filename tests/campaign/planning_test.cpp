@@ -6,6 +6,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <set>
+#include <sstream>
 
 #include "src/core/errors.h"
 #include "src/core/motion_time.h"
@@ -274,6 +275,49 @@ TEST(CheckPlan, PredictsImagePointsFromTheNominalCamera) {
   EXPECT_NEAR(check_plan(plan, rig_file).field_margin_px, 1023 - 511.5 - 1945.0 * 60 / 580, 1e-9);
 }
 
+TEST(PredictedPoints, LieWhereTheNominalCameraSeesEachLed) {
+  RigFile rig_file = rig();
+  rig_file.target.points_mm = {Vector3d(60, 0, 0), Vector3d(0, 40, 0)};
+  rig_file.target.led_radius_mm = 2;
+  PlannedPose pose;
+  pose.stage_mm = 120;
+  auto points = predicted_points(pose, rig_file);
+  ASSERT_EQ(points.size(), 2u);
+  EXPECT_NEAR(points[0].u_px, 511.5 + 1945.0 * 60 / 580, 1e-9);
+  EXPECT_NEAR(points[0].v_px, 511.5, 1e-9);
+  EXPECT_NEAR(points[1].v_px, 511.5 - 1945.0 * 40 / 580, 1e-9);
+  EXPECT_NEAR(points[1].radius_px, 1945.0 * 2 / 580, 1e-9);
+  pose.yaw_deg = 90;  // counter-clockwise seen from the camera
+  points = predicted_points(pose, rig_file);
+  EXPECT_NEAR(points[0].v_px, 511.5 - 1945.0 * 60 / 580, 1e-9);
+  pose.stage_mm = 700;  // at the camera's height
+  EXPECT_FALSE(predicted_points(pose, rig_file)[0].visible());
+}
+
+TEST(PredictedPoints, AreTheOutlineOfAPatternThatIsFoundWholeOnly) {
+  RigFile rig_file = rig();
+  PatternConfig& p = rig_file.pattern;
+  PlannedPose pose;
+  pose.payload = Payload::kCirclePattern;
+  ASSERT_EQ(predicted_points(pose, rig_file).size(), p.direction_circles.size());
+  p.direction_circles.clear();
+  // 3 x 4 circles of spacing 10: lattice columns 0, 2, 4 and, in odd rows, 1, 3, 5.
+  p.kind = PatternKind::kAsymmetricCircles;
+  p.columns = 3;
+  p.rows = 4;
+  p.origin_column = p.origin_row = 0;
+  p.spacing_mm = 10;
+  double left = 1e9, right = -1e9, top = 1e9;
+  for (const ImagePoint& point : predicted_points(pose, rig_file)) {
+    left = std::min(left, point.u_px);
+    right = std::max(right, point.u_px);
+    top = std::min(top, point.v_px);
+  }
+  EXPECT_NEAR(left, 511.5, 1e-9);
+  EXPECT_NEAR(right, 511.5 + 1945.0 * 50 / 700, 1e-9);
+  EXPECT_NEAR(top, 511.5 - 1945.0 * 30 / 700, 1e-9);
+}
+
 TEST(CheckPlan, ListsTenViolationsAndTheNumberOfAll) {
   RigFile rig_file = rig();
   rig_file.axes[AxisId::kPitch].lower = -1;
@@ -320,15 +364,196 @@ TEST(CheckPlan, ReportsSweptRangesMarginsTimeAndDisk) {
               AllOf(HasSubstr("22 poses"), HasSubstr("pitch"), HasSubstr("disk")));
 }
 
-TEST(PlanCsv, HasOneRowPerPose) {
+/// Rows of a CSV file by the names of their columns.
+std::vector<std::map<std::string, std::string>> rows_of(const std::string& csv) {
+  std::istringstream lines(csv);
+  const auto cells = [](const std::string& line) {
+    std::vector<std::string> out;
+    std::istringstream in(line + ",");
+    for (std::string cell; std::getline(in, cell, ',');) out.push_back(cell);
+    return out;
+  };
+  std::string line;
+  std::getline(lines, line);
+  const auto names = cells(line);
+  std::vector<std::map<std::string, std::string>> rows;
+  while (std::getline(lines, line)) {
+    const auto values = cells(line);
+    EXPECT_EQ(values.size(), names.size()) << line;
+    auto& row = rows.emplace_back();
+    for (std::size_t i = 0; i < std::min(values.size(), names.size()); ++i)
+      row[names[i]] = values[i];
+  }
+  return rows;
+}
+
+TEST(PlanCsv, HasOneRowPerPoseWithTargetsTimesAndWhereItIsSeen) {
   const TemporaryFolder folder;
-  const Plan plan = plan_campaign(single(kTwoAxes), rig());
-  write_plan_csv(plan, folder / "plan.csv");
+  const RigFile rig_file = rig();
+  const Plan plan = plan_campaign(single(kTwoAxes), rig_file);
+  write_plan_csv(plan, rig_file, folder / "plan.csv");
   const std::string text = slurp(folder / "plan.csv");
-  EXPECT_EQ(std::ranges::count(text, '\n'), 8);
   EXPECT_THAT(text,
               HasSubstr("\n1," + plan.poses[1].id +
-                        ",s,measure,led_target,1,1,120.0000,1.0000,0.0000,-10.0000,0.000,1\n"));
+                        ",s,measure,led_target,1,1,120.0000,1.0000,0.0000,-10.0000,0.000,1,"));
+  const auto rows = rows_of(text);
+  ASSERT_EQ(rows.size(), plan.poses.size());
+  const auto times = pose_times(plan, rig_file);
+  double time_s = 0.0;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const auto number = [&](const char* name) { return std::stod(rows[i].at(name)); };
+    time_s += times[i].total_s();
+    EXPECT_NEAR(number("motion_s"), times[i].motion_s, 6e-4);
+    EXPECT_NEAR(number("settle_s"), times[i].settle_s, 6e-4);
+    EXPECT_NEAR(number("trigger_s"), times[i].trigger_s, 6e-4);
+    EXPECT_NEAR(number("time_s"), time_s, 6e-4);
+    const auto points = predicted_points(plan.poses[i], rig_file);
+    for (const ImagePoint& p : points) {
+      EXPECT_LE(number("u_min_px"), p.u_px - p.radius_px + 0.006);
+      EXPECT_GE(number("u_max_px"), p.u_px + p.radius_px - 0.006);
+      EXPECT_LE(number("v_min_px"), p.v_px - p.radius_px + 0.006);
+      EXPECT_GE(number("v_max_px"), p.v_px + p.radius_px - 0.006);
+    }
+    // And no wider: some disc touches each side.
+    const auto touches = [&](const char* name, auto edge) {
+      return std::ranges::any_of(
+          points, [&](const ImagePoint& p) { return std::abs(edge(p) - number(name)) < 0.006; });
+    };
+    EXPECT_TRUE(touches("u_min_px", [](const ImagePoint& p) { return p.u_px - p.radius_px; }));
+    EXPECT_TRUE(touches("u_max_px", [](const ImagePoint& p) { return p.u_px + p.radius_px; }));
+    EXPECT_TRUE(touches("v_min_px", [](const ImagePoint& p) { return p.v_px - p.radius_px; }));
+    EXPECT_TRUE(touches("v_max_px", [](const ImagePoint& p) { return p.v_px + p.radius_px; }));
+  }
+}
+
+// ---- cables
+
+RigFile with_cable(double lower, double upper) {
+  RigFile rig_file = rig();
+  rig_file.axes[AxisId::kYaw].cable_lower = lower;
+  rig_file.axes[AxisId::kYaw].cable_upper = upper;
+  return rig_file;
+}
+
+TEST(Cable, RefusesATargetAndAnOvershootThatWindItAndNamesBothPlaces) {
+  const Plan plan = plan_campaign(single(R"([{"axis": "pitch", "values_deg": [0]},
+                                             {"axis": "yaw", "values_deg": [-40, 60]}])"),
+                                  rig());
+  EXPECT_EQ(refusal(plan, with_cable(-50, 60)).first, "accepted");
+  const auto [where, what] = refusal(plan, with_cable(-50, 59));
+  EXPECT_EQ(where, "s.json /ranges/1");
+  EXPECT_THAT(what, AllOf(HasSubstr("1 violation:"), HasSubstr("yaw target 60 deg"),
+                          HasSubstr("allowed: -50 to 59 deg"), HasSubstr("cable range"),
+                          HasSubstr("simulated.json at /axes/yaw/cable_deg")));
+  // The overshoot of 0.5 deg below -40 winds it.
+  EXPECT_THAT(refusal(plan, with_cable(-40.4, 60)).second,
+              AllOf(HasSubstr("-40 deg is approached from -40.5 deg"), HasSubstr("cable range")));
+}
+
+TEST(Cable, ThatIsLooserThanTheSoftLimitsLeavesThemTheWord) {
+  const Plan plan = plan_campaign(single(R"([{"axis": "yaw", "values_deg": [0, 100]}])"), rig());
+  EXPECT_THAT(refusal(plan, with_cable(-300, 300)).second,
+              AllOf(HasSubstr("allowed: -90 to 90 deg"), HasSubstr("soft limits"),
+                    HasSubstr("/axes/yaw/limits_deg"), ::testing::Not(HasSubstr("cable range"))));
+}
+
+TEST(Cable, HasToLeaveRoomForTheApproachOfZero) {
+  const auto [where, what] = refusal(plan_campaign(single(kTwoAxes), rig()), with_cable(-0.2, 60));
+  EXPECT_THAT(where, AllOf(HasSubstr("simulated.json"), HasSubstr("/axes/yaw/cable_deg")));
+  EXPECT_THAT(what, AllOf(HasSubstr("approached from -0.5 deg"), HasSubstr("1 violation:")));
+}
+
+TEST(CheckPlan, SaysOfAnAbsurdStagePositionWhatItWouldMean) {
+  Campaign campaign = single(kTwoAxes);
+  campaign.scenarios[0].stage_mm = 1e300;
+  const auto [where, what] = refusal(plan_campaign(campaign, rig()), rig());
+  EXPECT_EQ(where, "s.json /stage_mm");
+  EXPECT_THAT(what, HasSubstr("LED 0 would stand 1e+300 mm above the camera"));
+}
+
+TEST(Cable, CountsInTheMarginAndIsShown) {
+  const RigFile rig_file = with_cable(-50, 60);
+  const Plan plan =
+      plan_campaign(single(R"([{"axis": "yaw", "values_deg": [-40, 45]}])"), rig_file);
+  const PlanReport report = check_plan(plan, rig_file);
+  EXPECT_DOUBLE_EQ(report.axes[1].margin(), 50 - 40.5);
+  EXPECT_THAT(plan_summary(plan, report), AllOf(HasSubstr("cable free"), HasSubstr("60.000")));
+  EXPECT_TRUE(report.remarks.empty());
+  EXPECT_THAT(plan_summary(plan, check_plan(plan, rig())), ::testing::Not(HasSubstr("cable free")));
+}
+
+TEST(Cable, OfATableThatTurnsOnAndOnIsRemarkedBecauseHomingSeesNoTurns) {
+  RigFile rig_file = with_cable(-400, 400);
+  AxisConfig& yaw = rig_file.axes[AxisId::kYaw];
+  yaw.lower = -500;
+  yaw.upper = 500;
+  const Plan plan =
+      plan_campaign(single(R"([{"axis": "yaw", "values_deg": [-360, 0, 390]}])"), rig_file);
+  const PlanReport report = check_plan(plan, rig_file);
+  ASSERT_EQ(report.remarks.size(), 1u);
+  EXPECT_THAT(report.remarks[0],
+              AllOf(HasSubstr("yaw"), HasSubstr("-400 to 400 deg"), HasSubstr("before homing")));
+  EXPECT_THAT(plan_summary(plan, report), HasSubstr("remark: yaw"));
+  yaw.cable_lower = -179;
+  yaw.cable_upper = 179;
+  EXPECT_TRUE(check_plan(plan_campaign(single(kTwoAxes), rig_file), rig_file).remarks.empty());
+}
+
+// ---- calibration sweeps
+
+Campaign sweep(int repeats) {
+  Campaign campaign;
+  campaign.name = campaign.title = "c";
+  campaign.scenarios.push_back(parse_scenario(
+      R"({"format": "turntable-scenario/1", "name": "c", "title": "C", "kind": "calibration",
+          "planes": [{"stage_mm": 0, "use": "check"}, {"stage_mm": 130, "use": "fit"},
+                     {"stage_mm": 180, "use": "fit"}],
+          "images_per_plane": 2, "return_to_first_plane": true,
+          "pinhole_views": [{"stage_mm": 80, "roll_deg": 20}, {"stage_mm": 80, "pitch_deg": 20}],
+          "repeats": )" +
+          std::to_string(repeats) + "}",
+      "c.json"));
+  return campaign;
+}
+
+TEST(CalibrationSweep, TakesItsPlanesRepeatByRepeatAndViewsAndReturnOnce) {
+  const Plan plan = plan_campaign(sweep(3), rig());
+  std::string places;
+  for (const PlannedPose& p : plan.poses)
+    places += std::to_string(p.repeat) +
+              (p.role == PoseRole::kPlaneCheck ? "c"
+               : p.role == PoseRole::kPlaneFit ? "f"
+                                               : "v") +
+              std::to_string(p.point) + " ";
+  EXPECT_EQ(places, "1c0 1f1 1f2 2c0 2f1 2f2 3c0 3f1 3f2 1v0 1v1 3c0 ");
+  EXPECT_EQ(plan.scenarios[0].repeats, 3);
+  for (const PlannedPose& p : plan.poses)
+    EXPECT_EQ(p.images, p.role == PoseRole::kPinholeView ? 1 : 2);
+  std::set<std::string> ids;
+  for (const PlannedPose& p : plan.poses) EXPECT_TRUE(ids.insert(p.id).second);
+  EXPECT_EQ(plan_text(parse_plan(plan_text(plan), "plan.json")), plan_text(plan));
+}
+
+TEST(CalibrationSweep, TakenOnceIsPlannedAsEver) {
+  const Plan once = plan_campaign(sweep(1), rig());
+  ASSERT_EQ(once.poses.size(), 6u);
+  for (const PlannedPose& p : once.poses) EXPECT_EQ(p.repeat, 1);
+  EXPECT_EQ(once.poses.back().id, pose_id(once.poses[0], "c", 1));
+}
+
+TEST(CalibrationSweep, NamesThePlaneThatIsRefusedInWhicheverRepeat) {
+  Campaign campaign = sweep(3);
+  campaign.scenarios[0].planes[1].stage_mm = 250;
+  const RigFile rig_file = rig();
+  const Plan plan = plan_campaign(campaign, rig_file);
+  const auto [where, what] = refusal(plan, rig_file);
+  EXPECT_EQ(where, "c.json /planes/1/stage_mm");
+  EXPECT_THAT(what, HasSubstr("1 violation:"));  // and not one for each repeat
+  for (const PlannedPose& p : plan.poses)
+    EXPECT_EQ(pointer_of(plan, p, AxisId::kStage),
+              p.role == PoseRole::kPinholeView
+                  ? "/pinhole_views/" + std::to_string(p.point) + "/stage_mm"
+                  : "/planes/" + std::to_string(p.point) + "/stage_mm");
 }
 
 AxisConfig plain_axis() {

@@ -53,6 +53,7 @@ class RunnerTest : public ::testing::Test {
     rig_file = load_rig_file(std::filesystem::path(TURNTABLE_SOURCE_DIR) /
                              "scenarios/rigs/simulated.json");
     rig_file.camera.image_size = kSize;
+    rig_file.inspection.retakes = 0;  // these images show no rig
     campaign.name = campaign.title = "test";
     campaign.scenarios = {parse_scenario(kCalibration, "c.json"),
                           parse_scenario(kMotion, "m.json")};
@@ -143,10 +144,11 @@ TEST_F(RunnerTest, WritesBaselineReadingsAtStartAndEnd) {
   std::vector<double> stage;
   read_journal(folder->journal(), [&](const JournalEntry& entry) {
     if (entry.name == "descriptor") descriptors.push_back(entry.doc.at("name"));
-    if (entry.name == "event" && !entry.doc.at("data").contains("pose_id"))
-      stage.push_back(entry.doc.at("data").at("stage_mm"));
+    if (entry.name != "event") return;
+    const Json& data = entry.doc.at("data");
+    if (data.contains("stage_mm") && !data.contains("pose_id")) stage.push_back(data["stage_mm"]);
   });
-  EXPECT_THAT(descriptors, ElementsAre("baseline", "primary"));
+  EXPECT_THAT(descriptors, ElementsAre("baseline", "primary", "time"));
   EXPECT_THAT(stage, ElementsAre(0, 120));
 }
 

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <limits>
 
 #include "src/core/errors.h"
 
@@ -33,6 +34,22 @@ TEST(RigFile, TakesDefaultsFromTheStageTableAndOverridesThem) {
   EXPECT_TRUE(rig.simulated());
 }
 
+TEST(RigFile, TakesWhereTheCableStaysFreeAndThenLetsATableTurnOn) {
+  std::string text = text_of("simulated.json");
+  const std::string limits = "\"limits_deg\": [-90, 90]";
+  EXPECT_FALSE(parse_rig_file(text, "rig.json", kRigs).axis(AxisId::kYaw).has_cable());
+  text.replace(text.find(limits), limits.size(),
+               "\"limits_deg\": [-500, 500], \"cable_deg\": [-400, 300]");
+  const RigFile rig = parse_rig_file(text, "rig.json", kRigs);
+  const AxisConfig& yaw = rig.axis(AxisId::kYaw);
+  EXPECT_DOUBLE_EQ(yaw.reach_lower(), -400);
+  EXPECT_DOUBLE_EQ(yaw.reach_upper(), 300);
+  EXPECT_FALSE(yaw.bound_against(300).has_value());
+  EXPECT_EQ(yaw.bound_against(301).value().place, "/axes/yaw/cable_deg");
+  EXPECT_EQ(yaw.bound_against(501).value().place, "/axes/yaw/limits_deg");
+  EXPECT_TRUE(yaw.bound_against(std::numeric_limits<double>::quiet_NaN()).has_value());
+}
+
 struct Slip {
   std::string from, to, pointer, says;
 };
@@ -48,6 +65,16 @@ TEST(RigFile, EverySlipIsNamedWithItsPlace) {
        "/axes/yaw/controller", "mc1"},
       {"[-90, 90]", "[90, -90]", "/axes/yaw/limits_deg", "lower < upper"},
       {"[-90, 90]", "[-900, 900]", "/axes/yaw/limits_deg", "inside the travel"},
+      {"[-90, 90]", "[-900, 900]", "/axes/yaw/limits_deg", "cable_deg"},
+      {"[-90, 90]", "[-90, 90], \"cable_deg\": [10, 200]", "/axes/yaw/cable_deg",
+       "with 0 between them"},
+      {"[-90, 90]", "[-90, 90], \"cable_deg\": [200, -200]", "/axes/yaw/cable_deg",
+       "lower < upper"},
+      {"[-90, 90]", "[-90, 90], \"cable_deg\": [-0.4, 0.4]", "/axes/yaw",
+       "limits and cable, together [-0.4, 0.4] deg leave no room"},
+      {"[-90, 90]", "[-90, 90], \"cable_deg\": [-180, \"far\"]", "/axes/yaw/cable_deg/1",
+       "found \"far\""},
+      {"[-1, 200]", "[-1, 200], \"cable_deg\": [-1, 1]", "/axes/stage", "cable_deg"},
       {"\"channel\": \"Y\"", "\"channel\": \"Z\"", "/axes/roll/channel", "already turns"},
       {"[-18.0, -57.2, -40]", "[-18.0, -57.2, \"-40\"]", "/target/points_mm/3/2", "found \"-40\""},
       {", [-18.0, -57.2, -40]", "", "/target/points_mm", "minItems 4"},

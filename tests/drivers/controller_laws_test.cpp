@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <cmath>
 #include <set>
 #include <thread>
@@ -225,7 +226,12 @@ class OtherThread {
     rig.wire.on_sent = [this, &rig](std::string_view, Time now) {
       if (++sent_ != nth_) return;
       asked = now;
-      thread_ = std::thread([&rig] { rig.yaw().stop(); });
+      thread_ = std::thread([this, &rig] {
+        begun_ = true;
+        rig.yaw().stop();
+      });
+      // Virtual time must not run away while a busy machine lets the thread wait.
+      while (!begun_) std::this_thread::sleep_for(std::chrono::milliseconds{1});
       std::this_thread::sleep_for(std::chrono::milliseconds{5});  // it waits for the line by now
     };
   }
@@ -238,6 +244,7 @@ class OtherThread {
 
  private:
   int nth_, sent_ = 0;
+  std::atomic<bool> begun_{false};
   std::thread thread_;
 };
 

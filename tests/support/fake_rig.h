@@ -100,7 +100,13 @@ class FakeCamera final : public Camera {
   }
   void show(Image image) { image_ = std::move(image); }
 
+  Frame try_out() override {
+    ++try_outs;
+    return {image_, 0, clock_.now()};
+  }
+
   int triggers = 0;
+  int try_outs = 0;
   int timeouts = 0;  ///< so many triggers from now on stay unanswered
   std::function<void()> on_trigger;
   std::function<void(std::span<const Exposure>)> on_check;
