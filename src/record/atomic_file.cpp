@@ -35,26 +35,40 @@ void sync_folder(const std::filesystem::path& folder) {
 }
 
 StagedFile::StagedFile(const std::filesystem::path& file, std::string_view bytes)
+    : StagedFile(file, [bytes](const ByteSink& sink) { sink(bytes); }) {}
+
+StagedFile::StagedFile(const std::filesystem::path& file, const ByteSource& source)
     : target_(file), temporary_(file.string() + fmt::format(".tmp{}", ::getpid())) {
-  const int fd = ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+  int fd = ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
   if (fd < 0) fail(target_, "creating it", errno);
-  const auto give_up = [&](const char* what) {
-    const int error = errno;
-    ::close(fd);
-    ::unlink(temporary_.c_str());
-    fail(target_, what, error);
+  const auto write = [&](std::string_view bytes) {
+    while (!bytes.empty()) {
+      const ssize_t n = ::write(fd, bytes.data(), bytes.size());
+      if (n < 0 && errno == EINTR) continue;
+      if (n < 0) fail(target_, "writing", errno);
+      bytes.remove_prefix(static_cast<std::size_t>(n));
+    }
   };
-  while (!bytes.empty()) {
-    const ssize_t n = ::write(fd, bytes.data(), bytes.size());
-    if (n < 0 && errno == EINTR) continue;
-    if (n < 0) give_up("writing");
-    bytes.remove_prefix(static_cast<std::size_t>(n));
-  }
-  if (::fsync(fd) != 0) give_up("syncing");
-  if (::close(fd) != 0) {
-    const int error = errno;
+  try {
+    constexpr std::size_t kTogether = 1u << 16;
+    std::string small;  // pieces on their way
+    source([&](std::string_view bytes) {
+      if (small.size() + bytes.size() >= kTogether) {
+        write(small);
+        small.clear();
+      }
+      if (bytes.size() >= kTogether)
+        write(bytes);
+      else
+        small += bytes;
+    });
+    write(small);
+    if (::fsync(fd) != 0) fail(target_, "syncing", errno);
+    if (::close(std::exchange(fd, -1)) != 0) fail(target_, "closing", errno);
+  } catch (...) {
+    if (fd >= 0) ::close(fd);
     ::unlink(temporary_.c_str());
-    fail(target_, "closing", error);
+    throw;
   }
 }
 
@@ -75,7 +89,11 @@ bool is_temporary(const std::filesystem::path& file) {
 }
 
 void write_atomically(const std::filesystem::path& file, std::string_view bytes) {
-  StagedFile(file, bytes).commit();
+  write_atomically(file, [bytes](const ByteSink& sink) { sink(bytes); });
+}
+
+void write_atomically(const std::filesystem::path& file, const ByteSource& source) {
+  StagedFile(file, source).commit();
   sync_folder(file.parent_path());
 }
 

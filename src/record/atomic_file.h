@@ -2,10 +2,16 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <string_view>
 
 namespace turntable {
+
+/// Takes the next bytes of a file.
+using ByteSink = std::function<void(std::string_view)>;
+/// Gives all bytes of a file, piece by piece: of one that need not be in memory as a whole.
+using ByteSource = std::function<void(const ByteSink&)>;
 
 /// A file that is on the medium already, but not under its name. Several may be staged at once from
 /// several threads: their syncs then share the disk's time, which is most of what an image costs.
@@ -15,6 +21,7 @@ class StagedFile {
   /// Writes `bytes` to a temporary file beside `file` and syncs it. @throws RecordError naming the
   /// file and the cause (full disk, read-only, ...).
   StagedFile(const std::filesystem::path& file, std::string_view bytes);
+  StagedFile(const std::filesystem::path& file, const ByteSource& source);
   ~StagedFile();
   StagedFile(StagedFile&& other) noexcept;
   StagedFile& operator=(StagedFile&&) = delete;
@@ -32,6 +39,7 @@ class StagedFile {
 /// throws, nothing of it is left behind and an older file of that name is untouched. @throws
 /// RecordError.
 void write_atomically(const std::filesystem::path& file, std::string_view bytes);
+void write_atomically(const std::filesystem::path& file, const ByteSource& source);
 
 /// True of the names that a process leaves behind if it is killed while it stages a file.
 bool is_temporary(const std::filesystem::path& file);

@@ -40,7 +40,7 @@ RunFolder RunFolder::create(const std::filesystem::path& root, const Plan& plan)
             fmt::format("{}: cannot be created: {}. Choose a folder that can be written.",
                         path.string(), error.message()));
     }
-    write_atomically(folder.plan(), plan_text(plan));
+    write_atomically(folder.plan(), [&](const ByteSink& sink) { write_plan(plan, sink); });
   } catch (const RecordError&) {
     // Empty as it was, so that it can be tried again once there is room.
     for (const auto& path : parts) std::filesystem::remove(path, error);
