@@ -55,14 +55,12 @@ std::string stored_png(ImageView image) {
                static_cast<std::size_t>(image.height));
   for (int v = 0; v < image.height; ++v) {
     rows += '\0';
-    rows.append(reinterpret_cast<const char*>(image.row(v)),
-                static_cast<std::size_t>(image.width));
+    rows.append(reinterpret_cast<const char*>(image.row(v)), static_cast<std::size_t>(image.width));
   }
   uLongf size = compressBound(rows.size());
   std::string stored(size, '\0');
   if (compress2(reinterpret_cast<Bytef*>(stored.data()), &size,
-                reinterpret_cast<const Bytef*>(rows.data()), rows.size(),
-                Z_NO_COMPRESSION) != Z_OK)
+                reinterpret_cast<const Bytef*>(rows.data()), rows.size(), Z_NO_COMPRESSION) != Z_OK)
     throw RecordError("an image cannot be encoded as PNG");
   stored.resize(size);
 

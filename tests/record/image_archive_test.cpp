@@ -51,7 +51,7 @@ TEST(ImageArchive, GivesBackEveryPixel) {
 
 TEST(ImageArchive, StoresAFrameTooLargeToDeflateInTime) {
   const TemporaryFolder folder;
-  // Rows of one byte more than fits into a stored block of deflate, so that blocks end within rows.
+  // Rows longer than a stored block of deflate, so that blocks end within rows.
   const ImageSize size{0x10000, kDeflatedFramePx / 0x10000 + 1};
   Image image(size, 0);
   Random random = draws_of_this_test();
