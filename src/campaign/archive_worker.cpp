@@ -42,7 +42,7 @@ Prepared prepare(ArchiveWorker::Job& job, const RunFolder& folder, const Acquire
       const bool mask = options.archive == ArchiveMode::kRegions && seen.worth_regions;
       const std::string png =
           mask ? encode_png(keep_regions(frame.image, seen.regions, options.region_margin_px))
-               : encode_png(frame.image);
+               : encode_frame(frame.image);
       // A later session never writes over what an earlier one took.
       const std::string session =
           options.session() == 1 ? "" : fmt::format("-s{}", options.session());

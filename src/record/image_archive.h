@@ -33,8 +33,17 @@ struct Region {
 /// the threshold stay the same.
 Image keep_regions(ImageView image, std::span<const Region> regions, int margin_px);
 
-/// The bytes of a PNG file. @throws RecordError if encoding fails.
+/// The bytes of a PNG file, deflated. @throws RecordError if encoding fails.
 std::string encode_png(ImageView image);
+
+/// Frames of more pixels are stored: deflating noise takes 12 ms per megapixel, and a 30 Hz camera
+/// leaves one core 33 ms for that, for finding spots and for the disk (bench "archive").
+constexpr int kDeflatedFramePx = 1'600'000;
+
+/// The bytes of a PNG file for a whole frame with its noise, at the pace of a 30 Hz camera: deflated
+/// to half of the pixels' size, or beyond `kDeflatedFramePx` stored as they are. @throws RecordError
+/// if encoding fails.
+std::string encode_frame(ImageView image);
 
 enum class PngPixels { kGrey8, kAny };
 

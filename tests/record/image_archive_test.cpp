@@ -7,6 +7,7 @@
 
 #include "src/core/errors.h"
 #include "src/record/atomic_file.h"
+#include "src/record/image_import.h"
 #include "src/record/sha256.h"
 #include "tests/support/draws.h"
 #include "tests/support/file_size_limit.h"
@@ -46,6 +47,28 @@ TEST(ImageArchive, GivesBackEveryPixel) {
   const Image back = load_image(folder / "a.png", hash);
   EXPECT_EQ(back.size(), image.size());
   EXPECT_EQ(back.pixels, image.pixels);
+}
+
+TEST(ImageArchive, StoresAFrameTooLargeToDeflateInTime) {
+  const TemporaryFolder folder;
+  // Rows longer than a stored block of deflate, so that blocks end within rows.
+  const ImageSize size{0x10000, kDeflatedFramePx / 0x10000 + 1};
+  Image image(size, 0);
+  Random random = draws_of_this_test();
+  for (std::uint8_t& grey : image.pixels) grey = static_cast<std::uint8_t>(random.uniform(0, 256));
+  const std::string png = encode_frame(image);
+  EXPECT_GT(png.size(), image.pixels.size());
+  EXPECT_LT(static_cast<double>(png.size()), 1.001 * static_cast<double>(image.pixels.size()));
+  spill(folder / "a.png", png);
+  EXPECT_EQ(load_image(folder / "a.png").pixels, image.pixels);
+  EXPECT_EQ(import_image(folder / "a.png").pixels, image.pixels);
+  for (const std::size_t length : {std::size_t{7}, png.size() / 2, png.size() - 1})
+    EXPECT_THAT(png_complaint(std::string_view(png).substr(0, length)), HasSubstr("cut off"));
+  std::string altered = png;
+  altered[png.size() / 3] = static_cast<char>(altered[png.size() / 3] ^ 1);
+  EXPECT_THAT(png_complaint(altered), HasSubstr("damaged"));
+
+  EXPECT_EQ(encode_frame(noisy()), encode_png(noisy()));
 }
 
 TEST(ImageArchive, RefusesAFileCutOffAnywhere) {
