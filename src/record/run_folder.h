@@ -70,7 +70,7 @@ struct TakenImage {
   double exposed_s = 0.0;                       ///< start of exposure on the rig's clock
   std::optional<std::vector<TakenSpot>> spots;  ///< LED target only; brightest first
   int retakes = 0;        ///< exposures before this one that were found bad at once
-  std::string complaint;  ///< what is wrong with this one, after the last retake; empty = nothing
+  std::string complaint = {};  ///< what is wrong with this one, after the last retake; empty = nothing
 };
 
 /// Where a pose's time went, on the rig's clock.
