@@ -32,8 +32,9 @@ class DamagedRun : public ::testing::Test {
       const std::string bytes = "image of " + pose.id;
       TakenPose taken;
       taken.planned = pose;
-      taken.images = {{fmt::format("images/{}.png", pose.index), sha256_hex(bytes), pose.index, 0.0,
-                       std::nullopt}};
+      TakenImage& archived = taken.images.emplace_back();
+      archived.file = fmt::format("images/{}.png", pose.index);
+      archived.sha256 = sha256_hex(bytes);
       spill(image(pose.index), bytes);
       journal.pose(taken, "motion");
     }
