@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <numeric>
 #include <optional>
 #include <thread>
 
@@ -225,6 +226,28 @@ void print_times(const AcquireSummary& s) {
       s.archive_s, s.waited_s, s.inspect_s);
 }
 
+/// Everything that devices can be asked without moving or writing anything.
+void ask_devices(const TakeArguments& a, const std::string& command, const RigFile& rig_file,
+                 const Plan& plan) {
+  std::fflush(stdout);
+  const RigLock lock(rig_file, command);
+  Rig rig = open_rig(rig_file, {a.configure, a.assume_mounted, a.wire_log, a.speed});
+  fmt::print("devices:\n");
+  print_list(rig.identities);
+  print_check(check_devices(rig, rig_file, plan), rig_file);
+  fmt::print("The devices allow every pose. Nothing has moved.\n");
+}
+
+/// The plan's time as this rig takes it, once it is known.
+void print_learned_time(const Plan& plan, const RigFile& rig) {
+  const auto known = known_overheads(rig.name);
+  if (!known) return;
+  std::vector<std::size_t> all(plan.poses.size());
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  fmt::print("  as this rig takes it: {} (learned from {} poses)\n",
+             duration_text(Pace(plan, rig, all, *known).left_s()), known->poses);
+}
+
 /// @param folder is there as soon as it has been made.
 AcquireSummary take_poses(const Taking& taking, std::optional<RunFolder>& folder) {
   const TakeArguments& a = taking.arguments;
@@ -343,6 +366,7 @@ int plan_command(const PlanArguments& a) {
   const Plan plan = plan_campaign(campaign, rig);
   const PlanReport report = check_plan(plan, rig, {archive_mode_from_name(a.images), a.out});
   fmt::print("{}", plan_summary(plan, report));
+  print_learned_time(plan, rig);
   const std::vector<OrderTime> orders = order_times(campaign, rig);
   if (!orders.empty()) fmt::print("\n  motion by order of poses (* = as the scenario says):\n");
   for (std::size_t i = 0; i < orders.size(); ++i) {
@@ -360,6 +384,7 @@ int plan_command(const PlanArguments& a) {
     write_atomically(a.picture, plan_picture(plan, pose_times(plan, rig)));
     fmt::print("picture: {}\n", a.picture.string());
   }
+  if (a.ask_devices) ask_devices({}, fmt::format("plan {}", a.scenario.string()), rig, plan);
   return kDone;
 }
 
@@ -384,6 +409,11 @@ int run_command(const RunArguments& a) {
   const fs::path root = a.out.empty() ? RunFolder::default_root(plan.name) : a.out;
   const PlanReport report = check_plan(plan, rig_file, {archive, root});
   fmt::print("{}", plan_summary(plan, report));
+  print_learned_time(plan, rig_file);
+  if (a.ask_devices && !a.dry_run)
+    throw ConfigError("--ask-devices", "", "is for --dry-run; a run asks them anyway.");
+  if (a.ask_devices)
+    ask_devices(a, fmt::format("run {} --dry-run", a.scenario.string()), rig_file, plan);
   if (a.dry_run) {
     fmt::print("Dry run: nothing moved, nothing written.\n");
     return kDone;

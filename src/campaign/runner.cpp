@@ -99,12 +99,7 @@ class Acquisition {
   /// The devices have the last word on limits and images, and have it before anything moves.
   void check_devices() const {
     check_size(rig_.camera->image_size());
-    std::vector<Exposure> exposures;
-    for (const auto* list : {&schedule_.overlap, &schedule_.missing})
-      for (const std::size_t index : *list)
-        for (int i = 0; i < plan_.poses[index].images; ++i)
-          exposures.push_back(exposure(plan_.poses[index], i));
-    rig_.camera->check(exposures);
+    if (!rig_.camera->exposes()) check_exposures();
     const auto check = [this](AxisId id, double target) {
       with_axis(rig_, id, [target](auto& axis) { axis.check(quantity(axis, target)); });
     };
@@ -115,6 +110,16 @@ class Acquisition {
   }
 
  private:
+  /// Of a camera that looks images up. One that exposes answers whatever comes.
+  void check_exposures() const {
+    std::vector<Exposure> exposures;
+    for (const auto* list : {&schedule_.overlap, &schedule_.missing})
+      for (const std::size_t index : *list)
+        for (int i = 0; i < plan_.poses[index].images; ++i)
+          exposures.push_back(exposure(plan_.poses[index], i));
+    rig_.camera->check(exposures);
+  }
+
   void check_size(ImageSize found) const {
     const ImageSize allowed = rig_file_.camera.image_size;
     if (found != allowed)

@@ -236,6 +236,7 @@ TEST_F(RunnerTest, RefusesACameraOfAnotherSizeBeforeAnythingMoves) {
 }
 
 TEST_F(RunnerTest, TellsTheCameraWhatEachExposureIsOf) {
+  fake.camera.exposing = false;
   std::size_t checked = 0;
   fake.camera.on_check = [&](std::span<const Exposure> all) { checked = all.size(); };
   fake.camera.timeouts = 1;
@@ -252,6 +253,7 @@ TEST_F(RunnerTest, TellsTheCameraWhatEachExposureIsOf) {
 }
 
 TEST_F(RunnerTest, RefusesAPlanThatTheCameraCannotAnswerBeforeAnythingMoves) {
+  fake.camera.exposing = false;
   fake.camera.on_check = [](std::span<const Exposure>) {
     throw ConfigError("images", "", "3 are missing");
   };
