@@ -474,6 +474,7 @@ int resume_command(const ResumeArguments& a) {
                                   : fmt::format("; {} whose images are lost will be taken again",
                                                 findings.lost_poses.size()));
   if (before.complete()) {
+    for (const std::string& change : changes) spdlog::warn("{}", change);
     fmt::print("Nothing is left to take.\n");
     return write_outputs(folder, {loaded, options, {}}, Rewrite::kAll);
   }

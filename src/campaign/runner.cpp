@@ -62,15 +62,13 @@ class Acquisition {
     ArchiveWorker worker(journal, folder, plan_, rig_file_, options_);
     std::exception_ptr cause;
     try {
-      journal.baseline(positions());  // before the first job: the journal is not shared yet
-      if (const auto reading = telemetry_.read_if_due())
-        journal.telemetry(*reading, rig_file_.telemetry);
+      baseline(journal);  // before the first job: the journal is not shared yet
       home();
       for (const std::size_t index : schedule_.overlap) take(plan_.poses[index], worker, true);
       for (const std::size_t index : schedule_.missing) take(plan_.poses[index], worker, false);
       report("finishing");
       worker.finish();
-      journal.baseline(positions());
+      baseline(journal);
       tally(worker, began);
       journal.time(summary_.phases());
       journal.stop("success", "");
@@ -159,6 +157,12 @@ class Acquisition {
     for (std::size_t i = 0; i < kAllAxes.size(); ++i)
       out[i] = with_axis(rig_, kAllAxes[i], [](auto& axis) { return axis.position().value; });
     return out;
+  }
+
+  /// Every device at the start and at the end of a session.
+  void baseline(RunJournal& journal) {
+    journal.baseline(positions());
+    if (!rig_.channels.empty()) journal.telemetry(telemetry_.read(), rig_file_.telemetry);
   }
 
   void report(std::string_view phase, std::string_view reason = {}) {
@@ -453,7 +457,7 @@ class Acquisition {
       reason = e.what();
     }
     try {
-      journal.baseline(positions());
+      baseline(journal);
     } catch (const std::exception&) {  // a dead line, perhaps the very cause: positions are a
                                        // courtesy here
     }

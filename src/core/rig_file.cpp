@@ -540,6 +540,9 @@ class Reader {
         fail(at + "/" + key, "means something only beside \"register\". Remove it.");
     if (channel.source == Source::kFile) channel.path = folder_ / c.at("file").get<std::string>();
     if (wired) channel.line = line(c.at("line"));
+    if (wired && channel.line.kind == LineConfig::Kind::kSimulated)
+      fail(at + "/line",
+           "is simulated; a simulated channel needs none: state \"simulated\" instead.");
     channel.reply_timeout_s = c.value("reply_timeout_ms", 500.0) / 1000.0;
     channel.ask = c.value("ask", "");
     channel.register_at = c.value("register", 0);

@@ -89,7 +89,7 @@ TEST(Resume, DevicesAreAskedWithoutMovingAnything) {
   EXPECT_THAT(asked.output, HasSubstr("a test exposure came after"));
   EXPECT_THAT(asked.output, HasSubstr("Nothing has moved"));
   const std::string wire = slurp(folder / "wire");
-  EXPECT_THAT(wire, HasSubstr("> Position?"));
+  EXPECT_THAT(wire, HasSubstr("> SetSpeed? X"));
   for (const char* motion : {"> Go", "> Stop"})
     EXPECT_THAT(wire, ::testing::Not(HasSubstr(motion)));
   const Outcome plan = turntable_program("plan " + quick + " --ask-devices");
