@@ -4,6 +4,7 @@
 #include <fmt/ranges.h>
 #include <poll.h>
 #include <spdlog/spdlog.h>
+#include <termios.h>
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
@@ -182,6 +183,7 @@ class Waiting {
           "paused after {} of {} poses. {}\"turntable resume {}\" goes on; Ctrl-C ends it.", p.done,
           p.total, terminal() ? "Enter or " : "", root_.string());
     if (p.phase != said_ && p.phase == "suspended") spdlog::warn("suspended: {}", p.reason);
+    if (p.phase != said_ && paused && terminal()) ::tcflush(STDIN_FILENO, TCIFLUSH);
     said_ = p.phase;
     if (paused && terminal() && entered()) request_pause(false);
   }
@@ -231,7 +233,7 @@ void ask_devices(const TakeArguments& a, const std::string& command, const RigFi
                  const Plan& plan) {
   std::fflush(stdout);
   const RigLock lock(rig_file, command);
-  Rig rig = open_rig(rig_file, {a.configure, a.assume_mounted, a.wire_log, a.speed});
+  Rig rig = open_rig(rig_file, {false, a.assume_mounted, a.wire_log, a.speed});
   fmt::print("devices:\n");
   print_list(rig.identities);
   print_check(check_devices(rig, rig_file, plan), rig_file);
@@ -313,10 +315,13 @@ int take_and_finish(const Taking& taking, const EvaluateOptions& options,
   fmt::print("{} poses taken: {} on the rig's clock, {} by the wall\n", summary.poses,
              duration_text(summary.rig_s), duration_text(summary.wall_s));
   print_times(summary);
+  if (summary.failed > 0)
+    fmt::print("{} poses failed: an axis missed its target, or the target was not seen\n",
+               summary.failed);
   if (summary.retakes + summary.trigger_retries + summary.doubtful > 0)
     fmt::print(
-        "{} images were bad and taken again, {} triggers were repeated, {} poses are kept with "
-        "a complaint (see the journal)\n",
+        "{} images were bad and taken again, {} triggers were repeated, {} other poses are "
+        "kept with a complaint (see report.md)\n",
         summary.retakes, summary.trigger_retries, summary.doubtful);
   try {
     const int code = write_outputs(folder, {taking.calibration, options, beside}, Rewrite::kAll);
@@ -410,6 +415,11 @@ int run_command(const RunArguments& a) {
   const PlanReport report = check_plan(plan, rig_file, {archive, root});
   fmt::print("{}", plan_summary(plan, report));
   print_learned_time(plan, rig_file);
+  if (a.configure && a.dry_run)
+    throw ConfigError(
+        "--configure", "",
+        "writes into the controllers, and --dry-run writes nothing. Remove the one or "
+        "the other.");
   if (a.ask_devices && !a.dry_run)
     throw ConfigError("--ask-devices", "", "is for --dry-run; a run asks them anyway.");
   if (a.ask_devices)

@@ -186,6 +186,30 @@ TEST(RigFile, RefusesTelemetryThatMakesNoSense) {
   EXPECT_EQ(refused(R"("file": "a", "hold": {"outside": [2, 3], "resume_inside": [2.5, 2.5]})"),
             at + "/hold/resume_inside");
   EXPECT_EQ(refused(R"("ask": "T?", "line": {"simulated": {}})"), at + "/line");
+  EXPECT_EQ(refused(R"("file": "a"}, "pose_id": {"unit": "1", "file": "b")"),
+            "/telemetry/channels/pose_id");
+  const std::string port = R"("line": {"serial": {"port": "/dev/ttyUSB9"}})";
+  EXPECT_EQ(
+      refused(R"("ask": "T?", )" + port + R"(}, "water": {"unit": "degC", "register": 1, )" + port),
+      at + "/line");
+}
+
+TEST(RigFile, RefusesTelemetryOnAControllersLine) {
+  std::string text = text_of("lab_example.json");
+  const std::string before = "\"calibration\":";
+  const auto serial = text.find("\"serial\"");
+  const std::string line = text.substr(serial, text.find('}', serial) - serial + 1);
+  ASSERT_NE(text.find(before), std::string::npos);
+  text.insert(text.find(before),
+              R"("telemetry": {"channels": {"room": {"unit": "degC", "ask": "T?", )"
+              R"("line": {)" +
+                  line + "}}}}, ");
+  try {
+    parse_rig_file(text, "rig.json", kRigs);
+    ADD_FAILURE() << "taken";
+  } catch (const ConfigError& e) {
+    EXPECT_EQ(e.pointer(), "/telemetry/channels/room/line");
+  }
 }
 
 TEST(RigFile, TakesAVideoFileFromBesideItselfAndADeviceAsItIs) {

@@ -108,6 +108,56 @@ TEST(Telemetry, AsksAnInstrumentInTextAndSharesItsLine) {
   EXPECT_EQ(instrument.clients(), 1);
 }
 
+TEST(Telemetry, DoesNotTakeALateAnswerForTheNextOne) {
+  Instrument instrument([](const std::string& query) -> std::string {
+    if (query == "SLOW\r\n") {
+      std::this_thread::sleep_for(std::chrono::milliseconds{150});
+      return "1\r\n";
+    }
+    return "2\r\n";
+  });
+  SystemClock clock;
+  ChannelConfig slow, quick;
+  slow.source = quick.source = ChannelConfig::Source::kAsk;
+  slow.line = quick.line = instrument.line();
+  slow.ask = "SLOW";
+  slow.reply_timeout_s = 0.1;
+  quick.ask = "QUICK";
+  const auto channels = open_channels({10.0, {slow, quick}}, clock, never);
+  EXPECT_THROW(channels[0].read(), TimeoutError);
+  EXPECT_EQ(channels[1].read(), 2.0);
+}
+
+TEST(Telemetry, OpensALineAgainThatWasLost) {
+  SystemClock clock;
+  ChannelConfig channel;
+  channel.source = ChannelConfig::Source::kAsk;
+  channel.line.kind = LineConfig::Kind::kTcp;
+  channel.line.host = "127.0.0.1";
+  channel.ask = "T?";
+  channel.reply_timeout_s = 2.0;
+  TcpListener listener(0);
+  channel.line.tcp_port = listener.port();
+  const auto channels = open_channels({10.0, {channel}}, clock, never);
+  const auto accept = [&listener] {
+    for (;;) {
+      if (auto line = listener.accept()) return std::move(*line);
+      std::this_thread::sleep_for(std::chrono::milliseconds{1});
+    }
+  };
+  { const Line lost = accept(); }
+  EXPECT_THROW(channels[0].read(), LineError);
+  std::thread answering([&] {
+    Line line = accept();
+    char buffer[16];
+    line.read(buffer, clock, clock.now() + std::chrono::seconds{2});
+    line.write("21.5\n", clock, clock.now() + std::chrono::seconds{2});
+    std::this_thread::sleep_for(std::chrono::milliseconds{100});
+  });
+  EXPECT_EQ(channels[0].read(), 21.5);
+  answering.join();
+}
+
 TEST(Telemetry, ReadsAModbusRegister) {
   // Function 4, register 7 of slave 3 holds 0xff38, which is -200 with a sign.
   Instrument instrument([](const std::string& query) -> std::string {
