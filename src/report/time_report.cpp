@@ -6,9 +6,12 @@
 #include <array>
 #include <cctype>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <map>
+#include <optional>
 #include <set>
+#include <string_view>
 #include <utility>
 
 #include "src/record/csv.h"
@@ -19,18 +22,19 @@ namespace {
 using Times = std::map<std::string, double>;  ///< s by phase
 
 struct Phase {
-  const char* key;
+  const char* key;  ///< as the journal says it
   const char* title;
   const char* colour;
 };
+constexpr const char* kMotion = "motion_s";
 constexpr const char* kOther = "other_s";
 /// Of the rig's time, in the order of the table.
-constexpr std::array<Phase, 8> kPhases{{{"motion_s", "motion", kColours[0]},
+constexpr std::array<Phase, 8> kPhases{{{"homing_s", "homing", kColours[3]},
+                                        {"mount_s", "changing the payload", kColours[1]},
+                                        {kMotion, "motion", kColours[0]},
                                         {"settle_s", "settling", kColours[5]},
                                         {"trigger_s", "triggers", kColours[4]},
                                         {"transfer_s", "exposure and transfer", kColours[2]},
-                                        {"homing_s", "homing", kColours[3]},
-                                        {"mount_s", "changing the payload", kColours[1]},
                                         {"held_s", "paused or suspended", "#777777"},
                                         {kOther, "other", "#c8c8c8"}}};
 constexpr std::array<std::pair<const char*, const char*>, 4> kByTheWall{
@@ -274,7 +278,7 @@ void telemetry_figure(const std::filesystem::path& folder, const RunRecord& reco
     begins.push_back(end_s);
     if (!list.empty()) {
       with_readings.push_back(s);
-      end_s += std::max(at(record.sessions[s].time, "rig_s"), list.back().rig_time_s);
+      end_s += std::max(at(times_of(record.sessions[s]), "rig_s"), list.back().rig_time_s);
       readings += list.size();
     }
     ends.push_back(end_s);
@@ -298,8 +302,10 @@ void telemetry_figure(const std::filesystem::path& folder, const RunRecord& reco
           ++objects, (begins[s] + span.from_s) / unit_s, (begins[s] + span.to_s) / unit_s);
     if (s != with_readings.front())
       marks += fmt::format(
-          "set arrow from {0:.6g},graph 0 to {0:.6g},graph 1 nohead lc rgb '#777777' lw 1.5\n",
-          begins[s] / unit_s);
+          "set arrow from {0:.6g},graph 0 to {0:.6g},graph 1 nohead lc rgb '#777777' lw 1.5\n"
+          "set label 'session {1}' at {0:.6g},graph 0.94 left offset 0.6,0 textcolor rgb "
+          "'#777777'\n",
+          begins[s] / unit_s, s + 1);
     for (const TelemetryReading& reading : session.readings) {
       const double t = reading.rig_time_s;
       const bool suspended = std::ranges::any_of(
@@ -326,7 +332,7 @@ void telemetry_figure(const std::filesystem::path& folder, const RunRecord& reco
       with_readings.size() > 1 ? ", session after session" : "");
   draft.size = fmt::format("1000,{}", 70 + 210 * channels.size());
   draft.commands = fmt::format(
-      "set multiplot layout {},1 margins 0.09,0.97,{:.4f},{:.4f} spacing 0,{:.4f}\n"
+      "set multiplot layout {},1 margins 0.115,0.975,{:.4f},{:.4f} spacing 0,{:.4f}\n"
       "set key off\nset xrange [0:{:.6g}]\nset format x ''\n{}",
       channels.size(), 55.0 / (70.0 + 210.0 * static_cast<double>(channels.size())),
       1.0 - 25.0 / (70.0 + 210.0 * static_cast<double>(channels.size())),
@@ -372,10 +378,10 @@ std::string time_text(const RunRecord& record) {
 
   std::vector<std::pair<double, const char*>> rest;
   for (const Phase& phase : kPhases)
-    if (phase.key != kPhases[0].key && at(all, phase.key) > 0.0)
+    if (std::string_view(phase.key) != kMotion && at(all, phase.key) > 0.0)
       rest.emplace_back(at(all, phase.key), phase.title);
   std::ranges::stable_sort(rest, std::greater{}, &std::pair<double, const char*>::first);
-  const double motion = at(all, kPhases[0].key);
+  const double motion = at(all, kMotion);
   std::string md =
       fmt::format("## Time\n\nOf {} on the rig's clock {:.1f} % were motion and {:.1f} % were not",
                   time_in_words(whole), percent(motion, whole), percent(whole - motion, whole));
