@@ -263,6 +263,36 @@ std::string plain(const std::string& text) {
   return out;
 }
 
+/// The channel in one column of the data, session by session, with the limits of its band.
+std::string channel_plot(const ChannelStatistics& c, const ChannelConfig::Hold* hold,
+                         std::size_t column, double unit_s, const char* look,
+                         std::size_t sessions) {
+  double lower = c.read > 0 ? c.lower : 0.0, upper = c.read > 0 ? c.upper : 1.0;
+  const double span = std::max(upper - lower, 1e-3 * std::max(1.0, std::abs(upper)));
+  std::string limits;
+  if (hold != nullptr)
+    for (const double limit : {hold->lower, hold->upper}) {
+      // A limit far away would flatten what there is to see.
+      if (limit < c.lower - span || limit > c.upper + span) continue;
+      lower = std::min(lower, limit);
+      upper = std::max(upper, limit);
+      limits += fmt::format("{:.9g} with lines lw 1.2 dt 2 lc rgb '{}', ", limit, kColours[1]);
+    }
+  const double room = 0.1 * std::max(upper - lower, span);
+  const std::string x = fmt::format("$3/{:g}", unit_s);
+  const std::string readable = fmt::format("strlen(strcol({})) > 0", column);
+  return fmt::format("set yrange [{:.9g}:{:.9g}]\nplot {}", lower - room, upper + room, limits) +
+         fmt::format(
+             "for [s=1:{}] 'DATA' every ::1 using ($1 == s ? {} : 1/0):({} ? ${} : 1/0) with {} "
+             "lc rgb '{}', ",
+             sessions, x, readable, column, look, kColours[0]) +
+         fmt::format(
+             "'DATA' every ::1 using ({}):({} ? 1/0 : {:.9g}) with points pt 2 ps 0.9 lw 1.5 lc "
+             "rgb "
+             "'{}'\n",
+             x, readable, lower - 0.5 * room, kColours[1]);
+}
+
 /// One panel per channel; sessions one after another, for their clocks know nothing of each other.
 void telemetry_figure(const std::filesystem::path& folder, const RunRecord& record,
                       const RigFile& rig, std::vector<Draft>& drafts) {
@@ -271,7 +301,7 @@ void telemetry_figure(const std::filesystem::path& folder, const RunRecord& reco
   // Where each session begins, and which of them have readings.
   std::vector<double> begins, ends;
   std::vector<std::size_t> with_readings;
-  double longest_s = 0.0, end_s = 0.0;
+  double end_s = 0.0;
   std::size_t readings = 0;
   for (std::size_t s = 0; s < record.telemetry.size(); ++s) {
     const auto& list = record.telemetry[s].readings;
@@ -283,13 +313,12 @@ void telemetry_figure(const std::filesystem::path& folder, const RunRecord& reco
     }
     ends.push_back(end_s);
   }
-  longest_s = end_s;
 
   std::vector<std::string> header{"session", "rig_time_s", "elapsed_s", "suspended"};
   for (const auto& [name, channel] : channels)
     header.push_back(fmt::format("{}_{}", name, channel.unit));
   Csv csv(header);
-  const auto [unit_s, unit] = unit_for(longest_s);
+  const auto [unit_s, unit] = unit_for(end_s);
   std::string marks;
   int objects = 0;
   for (const std::size_t s : with_readings) {
@@ -324,45 +353,29 @@ void telemetry_figure(const std::filesystem::path& folder, const RunRecord& reco
     }
   }
 
+  // Points where they can be told apart.
+  const char* look = readings < 200 ? "linespoints lw 1.5 pt 7 ps 0.25" : "lines lw 1.2";
   Draft draft;
   draft.figure.name = "telemetry";
   draft.figure.caption = fmt::format(
       "Telemetry over the rig's time{}. Shaded: no pose was taken while a channel was outside its "
       "band (dashed: its limits). Crosses at the foot: it could not be read.",
       with_readings.size() > 1 ? ", session after session" : "");
-  draft.size = fmt::format("1000,{}", 70 + 210 * channels.size());
+  const double height = 70.0 + 210.0 * static_cast<double>(channels.size());
+  draft.size = fmt::format("1000,{:.0f}", height);
   draft.commands = fmt::format(
       "set multiplot layout {},1 margins 0.115,0.975,{:.4f},{:.4f} spacing 0,{:.4f}\n"
       "set key off\nset xrange [0:{:.6g}]\nset format x ''\n{}",
-      channels.size(), 55.0 / (70.0 + 210.0 * static_cast<double>(channels.size())),
-      1.0 - 25.0 / (70.0 + 210.0 * static_cast<double>(channels.size())),
-      20.0 / (70.0 + 210.0 * static_cast<double>(channels.size())), longest_s / unit_s, marks);
-  std::size_t column = 5;
-  for (const auto& [name, c] : channels) {
-    double lower = c.lower, upper = c.upper;
-    if (c.read == 0) lower = 0.0, upper = 1.0;
-    const double span = std::max(upper - lower, 1e-3 * std::max(1.0, std::abs(upper)));
+      channels.size(), 55.0 / height, 1.0 - 25.0 / height, 20.0 / height, end_s / unit_s, marks);
+  std::size_t column = 4;
+  for (const auto& [name, channel] : channels) {
     const auto config = std::ranges::find(rig.telemetry.channels, name, &ChannelConfig::name);
-    std::string limits;
-    if (config != rig.telemetry.channels.end() && config->hold)
-      for (const double limit : {config->hold->lower, config->hold->upper}) {
-        // A limit far away would flatten what there is to see.
-        if (limit < c.lower - span || limit > c.upper + span) continue;
-        lower = std::min(lower, limit);
-        upper = std::max(upper, limit);
-        limits += fmt::format(", {:.9g} with lines lw 1.2 dt 2 lc rgb '{}'", limit, kColours[1]);
-      }
-    const double room = 0.1 * std::max(upper - lower, span);
-    if (++column == 5 + channels.size())
+    const bool holds = config != rig.telemetry.channels.end() && config->hold;
+    if (++column == 4 + channels.size())
       draft.commands += fmt::format("set format x '% h'\nset xlabel 'rig time / {}'\n", unit);
-    draft.commands += fmt::format(
-        "set ylabel '{} / {}'\nset yrange [{:.9g}:{:.9g}]\n"
-        "plot for [s=1:{}] 'DATA' every ::1 using ($1 == s ? $3/{:g} : 1/0):{} with {} lc rgb '{}'"
-        "{}, 'DATA' every ::1 using ($3/{:g}):(strlen(strcol({})) == 0 ? {:.9g} : 1/0) with points "
-        "pt 2 ps 0.6 lw 1.5 lc rgb '{}'\n",
-        plain(name), plain(c.unit), lower - room, upper + room, record.telemetry.size(), unit_s,
-        column - 1, readings < 200 ? "linespoints lw 1.5 pt 7 ps 0.25" : "lines lw 1.2",
-        kColours[0], limits, unit_s, column - 1, lower - 0.5 * room, kColours[1]);
+    draft.commands += fmt::format("set ylabel '{} / {}'\n", plain(name), plain(channel.unit)) +
+                      channel_plot(channel, holds ? &*config->hold : nullptr, column, unit_s, look,
+                                   record.telemetry.size());
   }
   draft.commands += "unset multiplot\n";
   csv.write(folder / (draft.figure.name + ".csv"));

@@ -186,7 +186,8 @@ TEST(TelemetryReport, DrawsSessionsApartWithTheirSuspensions) {
   EXPECT_THAT(csv, HasSubstr("\n2,90.000,100.000,1,"));
   EXPECT_THAT(drafts[1].commands, HasSubstr("from 40,graph 0 to 70,graph 1"));
   EXPECT_THAT(drafts[1].commands, HasSubstr("from 90,graph 0 to 110,graph 1")) << "up to its end";
-  EXPECT_THAT(drafts[1].commands, HasSubstr(", 24 with lines"));
+  EXPECT_THAT(drafts[1].commands,
+              HasSubstr("plot 18 with lines lw 1.2 dt 2 lc rgb '#D55E00', 24 with lines"));
   EXPECT_TRUE(draw(folder.path(), {drafts[1]})[0].drawn);
   EXPECT_THAT(slurp(folder / "telemetry.svg"), HasSubstr("room / degC"));
 }
