@@ -280,11 +280,13 @@ std::string channel_plot(const ChannelStatistics& c, const ChannelConfig::Hold* 
     }
   const double room = 0.1 * std::max(upper - lower, span);
   const std::string x = fmt::format("$3/{:g}", unit_s);
+  // As text: a line goes on across an empty number, and breaks at 1/0.
   const std::string readable = fmt::format("strlen(strcol({})) > 0", column);
   return fmt::format("set yrange [{:.9g}:{:.9g}]\nplot {}", lower - room, upper + room, limits) +
          fmt::format(
-             "for [s=1:{}] 'DATA' every ::1 using ($1 == s ? {} : 1/0):({} ? ${} : 1/0) with {} "
-             "lc rgb '{}', ",
+             "for [s=1:{}] 'DATA' every ::1 using ($1 == s ? {} : 1/0):({} ? real(strcol({})) : "
+             "1/0) with "
+             "{} lc rgb '{}', ",
              sessions, x, readable, column, look, kColours[0]) +
          fmt::format(
              "'DATA' every ::1 using ({}):({} ? 1/0 : {:.9g}) with points pt 2 ps 0.9 lw 1.5 lc "
