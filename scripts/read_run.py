@@ -4,12 +4,20 @@
 As a program:
     scripts/read_run.py RUN                 what was taken, session by session
     scripts/read_run.py RUN --csv FILE      one row per pose, as the journal has it
+    scripts/read_run.py RUN --csv FILE --of telemetry       or of interruptions, time, overlaps
 
 As a module:
     from read_run import load
     run = load("results/runs/<run>")
     run.poses[0]["yaw_deg"], run.plan["title"], run.sessions[-1]["stop"]["exit_status"]
-    run.frame()                             pandas.DataFrame, if pandas is installed
+    run.telemetry[0]["rig_time_s"]          readings of the rig's channels, None = unreadable
+    run.interruptions[0]["reason"]          pause, suspend, resume
+    run.time[0]["motion_s"]                 where a session's time went; none of one that was killed
+    run.units["telemetry"]["room"]          as the journal has it
+    run.frame(), run.frame("telemetry")     pandas.DataFrame, if pandas is installed
+
+Rows of time, telemetry and interruptions have their `session`, from 1, and `unix_time_s` beside
+what the journal says.
 
 The journal is Bluesky's event model, one document per line: `documents(path)` yields (name, doc) as
 Bluesky's own tools take them.
@@ -57,7 +65,8 @@ def documents(path):
 
 
 class Run:
-    """plan, poses (the later one of a pose taken twice), overlaps, baseline, sessions."""
+    """plan, poses (the later one of a pose taken twice), overlaps, baseline, sessions; telemetry,
+    interruptions and time; units by stream and key."""
 
     def __init__(self, folder):
         self.folder = folder
@@ -66,6 +75,10 @@ class Run:
         self.sessions = []
         self.overlaps = []
         self.baseline = []
+        self.telemetry = []
+        self.interruptions = []
+        self.time = []
+        self.units = {}
         streams = {}
         taken = {}
         for name, doc in documents(os.path.join(folder, "journal.jsonl")):
@@ -73,6 +86,8 @@ class Run:
                 self.sessions.append({"start": doc, "stop": None})
             elif name == "descriptor":
                 streams[doc["uid"]] = doc["name"]
+                self.units.setdefault(doc["name"], {}).update(
+                    {key: about["units"] for key, about in doc["data_keys"].items() if "units" in about})
             elif name == "stop":
                 self.sessions[-1]["stop"] = doc
             elif name == "event":
@@ -83,14 +98,20 @@ class Run:
                     self.overlaps.append(doc["data"])
                 elif stream == "baseline":
                     self.baseline.append(doc["data"])
+                elif stream in ("telemetry", "interruptions", "time"):
+                    # The stream's own keys last: a channel may have any name.
+                    getattr(self, stream).append(
+                        {"session": len(self.sessions), "unix_time_s": doc["time"], **doc["data"]})
         self.poses = sorted(taken.values(), key=lambda data: data["pose_index"])
 
     def complete(self):
         return len(self.poses) == len(self.plan["poses"])
 
-    def frame(self):
+    def frame(self, what="poses"):
+        """A list of this run as a table: "poses", "overlaps", "telemetry", "interruptions", "time"."""
         import pandas  # only here: everything else works without
-        return pandas.DataFrame(self.poses).set_index("pose_index")
+        table = pandas.DataFrame(getattr(self, what))
+        return table.set_index("pose_index") if "pose_index" in table else table
 
 
 def load(folder):
@@ -101,6 +122,8 @@ def main():
     parser = argparse.ArgumentParser(description="Reads a run folder of turntable.")
     parser.add_argument("run", help="run folder")
     parser.add_argument("--csv", help="write one row per pose to this file")
+    parser.add_argument("--of", default="poses", help="what goes into the CSV file (default: %(default)s)",
+                        choices=["poses", "overlaps", "telemetry", "interruptions", "time"])
     arguments = parser.parse_args()
     try:
         run = load(arguments.run)
@@ -112,10 +135,10 @@ def main():
         stop = session["stop"] or {"exit_status": "killed", "reason": "no stop document"}
         print(f"  session {number}: {stop['exit_status']} {stop.get('reason', '')}".rstrip())
     if arguments.csv:
-        flat = [{key: value for key, value in pose.items() if not isinstance(value, list)}
-                for pose in run.poses]
+        flat = [{key: value for key, value in row.items() if not isinstance(value, list)}
+                for row in getattr(run, arguments.of)]
         with open(arguments.csv, "w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, fieldnames=list(flat[0]) if flat else [])
+            writer = csv.DictWriter(file, fieldnames=list(dict.fromkeys(key for row in flat for key in row)))
             writer.writeheader()
             writer.writerows(flat)
     return 0

@@ -122,6 +122,30 @@ class ClockWatch {
   double utc_s_ = 0.0, mono_s_ = 0.0;
 };
 
+std::vector<TelemetryChannel> channels_from(const Json& data_keys) {
+  std::vector<TelemetryChannel> channels;
+  for (const auto& [key, about] : data_keys.items())
+    if (key != "rig_time_s" && key != "trouble")
+      channels.push_back({key, about.value("units", "")});
+  return channels;
+}
+
+TelemetryReading reading_from(const Json& data, const std::vector<TelemetryChannel>& channels) {
+  TelemetryReading reading{data.at("rig_time_s"), {}, data.at("trouble")};
+  for (const TelemetryChannel& channel : channels) {
+    const Json& value = data.at(channel.name);
+    reading.values.push_back(value.is_null() ? std::nullopt : std::optional(value.get<double>()));
+  }
+  return reading;
+}
+
+void add_phases(std::map<std::string, double>& time, const PosePhases& phases) {
+  time["motion_s"] += phases.motion_s;
+  time["settle_s"] += phases.settle_s;
+  time["trigger_s"] += phases.trigger_s;
+  time["transfer_s"] += phases.transfer_s;
+}
+
 }  // namespace
 
 std::string clock_step_text(const ClockStep& step) {
@@ -130,7 +154,8 @@ std::string clock_step_text(const ClockStep& step) {
                      step.from_utc, step.to_utc);
 }
 
-RunState read_run_state(const RunFolder& folder, const VisitPose& visit) {
+RunState read_run_state(const RunFolder& folder, const VisitPose& visit,
+                        const VisitReading& visit_reading) {
   RunState record;
   record.plan = load_plan(folder.plan());
   record.line_of_pose.assign(record.plan.poses.size(), 0);
@@ -141,6 +166,25 @@ RunState read_run_state(const RunFolder& folder, const VisitPose& visit) {
 
   const std::string name = folder.journal().string();
   std::unordered_map<std::string, std::string> stream_of;  // by descriptor
+  std::vector<TelemetryChannel> channels;                  // of the present session
+  std::optional<double> rig_time_s;                        // likewise: the last one that was said
+  const auto pose_taken = [&](const JournalEntry& entry, RunSession& session, bool overlap) {
+    const Json& data = entry.doc.at("data");
+    const auto id = data.at("pose_id").get<std::string>();
+    const auto found = std::ranges::lower_bound(by_id, id, {}, id_of);
+    if (found == by_id.end() || id_of(*found) != id)
+      throw ConfigError(
+          name, "",
+          fmt::format("line {} records pose {}, which the plan does not know. Plan and journal "
+                      "are of different runs; restore the folder from a copy.",
+                      entry.seq, id));
+    TakenPose pose = pose_from_data(data);
+    pose.planned = record.plan.poses[*found];
+    rig_time_s = pose.rig_time_s;
+    if (!session.whole_time) add_phases(session.time, pose.phases);
+    if (!overlap) record.line_of_pose[*found] = entry.seq;
+    if (visit) visit(std::move(pose), overlap);
+  };
   ClockWatch clocks;
   const auto readout = read_journal(folder.journal(), [&](const JournalEntry& entry) {
     try {
@@ -151,6 +195,7 @@ RunState read_run_state(const RunFolder& folder, const VisitPose& visit) {
         session.start_document = entry.doc.dump();
         session.began_utc = entry.utc;
         if (record.start_document.empty()) record.start_document = session.start_document;
+        rig_time_s.reset();
       }
       if (record.sessions.empty())
         throw ConfigError(name, "",
@@ -160,23 +205,25 @@ RunState read_run_state(const RunFolder& folder, const VisitPose& visit) {
         session.last_utc = entry.utc;  // written later for one that was killed
       if (entry.name == "descriptor") {
         stream_of[entry.doc.at("uid")] = entry.doc.at("name");
+        if (entry.doc.at("name") == "telemetry")
+          channels = channels_from(entry.doc.at("data_keys"));
       } else if (entry.name == "event") {
         const std::string& stream = stream_of[entry.doc.at("descriptor")];
         ++session.events[stream];
-        if (!entry.doc.at("data").contains("pose_id")) return;
-        const auto id = entry.doc.at("data").at("pose_id").get<std::string>();
-        const auto found = std::ranges::lower_bound(by_id, id, {}, id_of);
-        if (found == by_id.end() || id_of(*found) != id)
-          throw ConfigError(
-              name, "",
-              fmt::format("line {} records pose {}, which the plan does not know. Plan and journal "
-                          "are of different runs; restore the folder from a copy.",
-                          entry.seq, id));
-        TakenPose pose = pose_from_data(entry.doc.at("data"));
-        pose.planned = record.plan.poses[*found];
-        const bool overlap = stream == kOverlapStream;
-        if (!overlap) record.line_of_pose[*found] = entry.seq;
-        if (visit) visit(std::move(pose), overlap);
+        const Json& data = entry.doc.at("data");
+        if (stream == "time") {
+          session.time = data.get<std::map<std::string, double>>();
+          session.whole_time = true;
+        } else if (stream == "interruptions") {
+          session.interruptions.push_back(
+              {data.at("interruption"), data.at("reason"), entry.utc, rig_time_s});
+        } else if (stream == "telemetry") {
+          rig_time_s = data.at("rig_time_s").get<double>();
+          if (visit_reading)
+            visit_reading(record.sessions.size() - 1, channels, reading_from(data, channels));
+        } else if (data.contains("pose_id")) {
+          pose_taken(entry, session, stream == kOverlapStream);
+        }
       } else if (entry.name == "stop") {
         session.exit_status = entry.doc.at("exit_status");
         session.reason = entry.doc.value("reason", "");
@@ -199,9 +246,18 @@ RunState read_run_state(const RunFolder& folder, const VisitPose& visit) {
 RunRecord read_run(const RunFolder& folder) {
   RunRecord record;
   std::vector<TakenPose> taken;  // in the journal's order
-  static_cast<RunState&>(record) = read_run_state(folder, [&](TakenPose pose, bool overlap) {
+  const auto pose_taken = [&](TakenPose pose, bool overlap) {
     (overlap ? record.overlaps : taken).push_back(std::move(pose));
-  });
+  };
+  const auto read = [&record](std::size_t session, const std::vector<TelemetryChannel>& channels,
+                              TelemetryReading reading) {
+    record.telemetry.resize(session + 1);
+    SessionTelemetry& telemetry = record.telemetry.back();
+    if (telemetry.readings.empty()) telemetry.channels = channels;
+    telemetry.readings.push_back(std::move(reading));
+  };
+  static_cast<RunState&>(record) = read_run_state(folder, pose_taken, read);
+  record.telemetry.resize(record.sessions.size());
   const auto place = [](const TakenPose& pose) { return pose.planned.index; };
   std::ranges::stable_sort(taken, {}, place);
   for (TakenPose& pose : taken) {

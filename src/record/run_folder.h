@@ -69,8 +69,9 @@ struct TakenImage {
   std::uint64_t frame_id = 0;
   double exposed_s = 0.0;                       ///< start of exposure on the rig's clock
   std::optional<std::vector<TakenSpot>> spots;  ///< LED target only; brightest first
-  int retakes = 0;        ///< exposures beside this one that were found bad at once
-  std::string complaint = {};  ///< what is wrong with this one, after the last retake; empty = nothing
+  int retakes = 0;  ///< exposures beside this one that were found bad at once
+  std::string complaint =
+      {};  ///< what is wrong with this one, after the last retake; empty = nothing
 };
 
 /// Where a pose's time went, on the rig's clock.
@@ -93,6 +94,32 @@ struct TakenPose {
   bool missed() const { return stage.missed || yaw.missed || roll.missed || pitch.missed; }
 };
 
+/// The rig's channels at one moment.
+struct TelemetryReading {
+  double rig_time_s = 0.0;
+  std::vector<std::optional<double>> values;  ///< by channel; nothing if unreadable
+  std::string trouble;                        ///< why a channel could not be read
+};
+
+struct TelemetryChannel {
+  std::string name, unit;
+};
+
+/// The channels of one session. Each session has a rig clock of its own.
+struct SessionTelemetry {
+  std::vector<TelemetryChannel> channels;  ///< in alphabetical order
+  std::vector<TelemetryReading> readings;  ///< values in the order of `channels`
+};
+
+/// A person or a channel made the run wait, or let it go on.
+struct Interruption {
+  std::string what;  ///< "pause", "suspend", "resume"
+  std::string reason;
+  std::string utc;
+  /// Of the last pose or reading before it: what a suspension is decided by. Nothing if there is none.
+  std::optional<double> rig_time_s;
+};
+
 /// What one process did of a run, from a start document on. A run that was resumed has several.
 struct RunSession {
   std::string uid;                    ///< of the start document
@@ -101,6 +128,12 @@ struct RunSession {
   std::map<std::string, int> events;  ///< number by stream
   std::string exit_status;            ///< empty: it was killed and wrote no stop document
   std::string reason;
+  std::vector<Interruption> interruptions;
+  /// Where its time went, s by phase, as the journal's stream "time" has it. A session that could not
+  /// write that, for it was killed, has the sums of its poses' phases: what belongs to no pose is
+  /// unknown then.
+  std::map<std::string, double> time;
+  bool whole_time = false;  ///< `time` is from the stream "time"
 };
 
 /// The wall clock against the machine's monotonic one: somebody set it, or the machine slept. Order is
@@ -139,13 +172,18 @@ struct RunRecord : RunState {
   std::vector<TakenPose> poses;  ///< taken ones that count, in the plan's order
   /// Poses that a resumed session took again beside those that count, to see what has changed.
   std::vector<TakenPose> overlaps;
+  std::vector<SessionTelemetry> telemetry;  ///< by session; empty ones if the rig has no channels
 };
 
 /// Called for every line with a pose, in the journal's order.
 using VisitPose = std::function<void(TakenPose pose, bool overlap)>;
-/// In memory that does not grow with the poses, apart from the plan. @throws ConfigError: damaged
+/// Called for every reading of the channels, in the journal's order. @param session from 0
+using VisitReading = std::function<void(
+    std::size_t session, const std::vector<TelemetryChannel>& channels, TelemetryReading reading)>;
+/// In memory that grows neither with the poses, apart from the plan, nor with the readings. @throws ConfigError: damaged
 /// plan or journal, an event whose pose is not in the plan.
-RunState read_run_state(const RunFolder& folder, const VisitPose& visit = {});
+RunState read_run_state(const RunFolder& folder, const VisitPose& visit = {},
+                        const VisitReading& visit_reading = {});
 /// All of it. @throws ConfigError as above.
 RunRecord read_run(const RunFolder& folder);
 

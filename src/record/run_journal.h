@@ -1,8 +1,8 @@
 // Writes a run's documents into its journal, in the order and shape of Bluesky's event model:
 // start, descriptors "primary" (one event per pose), "overlap" (poses that a resumed session took
 // again), "baseline" (the axes at start and end), "telemetry", "interruptions" (pause, suspend and
-// going on) and "time" (where a session's time went), events, stop. A resumed run goes on in the same file with a start document of its own, which names the
-// first one's uid in `resumes`.
+// going on) and "time" (where a session's time went), events, stop. A resumed run goes on in the
+// same file with a start document of its own, which names the first one's uid in `resumes`.
 #pragma once
 
 #include <array>
@@ -19,13 +19,6 @@ namespace turntable {
 
 inline constexpr std::string_view kOverlapStream = "overlap";
 
-/// The channels of the rig file at one moment.
-struct TelemetryReading {
-  double rig_time_s = 0.0;
-  std::vector<std::optional<double>> values;  ///< by order of the rig file; nothing if unreadable
-  std::string trouble;                        ///< why a channel could not be read
-};
-
 /// Not thread-safe. Every function @throws RecordError.
 class RunJournal {
  public:
@@ -40,6 +33,7 @@ class RunJournal {
   void baseline(const std::array<double, kAllAxes.size()>& positions);
   /// Not to be relied on before `sync`.
   void pose(const TakenPose& taken, std::string_view scenario_name, bool overlap = false);
+  /// @param reading values in the order of `config`
   void telemetry(const TelemetryReading& reading, const TelemetryConfig& config);
   /// Where a session's time went, s by phase. On disk when this returns.
   void time(const std::map<std::string, double>& phases_s);

@@ -13,6 +13,7 @@
 #include "src/report/figures.h"
 #include "src/report/published.h"
 #include "src/report/tables.h"
+#include "src/report/time_report.h"
 
 namespace turntable {
 namespace {
@@ -116,9 +117,11 @@ std::optional<SpotShift> spot_shift(const TakenPose& from, const TakenPose& to) 
   return out;
 }
 
-/// Of a run that went on after a break.
+/// Of a run that went on after a break, or that something made wait.
 std::string sessions_text(const RunRecord& record) {
-  if (record.sessions.size() < 2) return {};
+  const std::string interruptions = interruptions_text(record);
+  if (record.sessions.size() < 2)
+    return interruptions.empty() ? "" : "## Sessions\n\n" + interruptions;
   std::string md =
       "## Sessions\n\nThe run was taken in several sessions.\n\n"
       "| session | began | ended | how | poses | taken again beside |\n|--:|---|---|---|--:|--:|\n";
@@ -134,9 +137,10 @@ std::string sessions_text(const RunRecord& record) {
                     session.reason.empty() ? "" : ": ", session.reason, events("primary"),
                     events(std::string(kOverlapStream)));
   }
-  if (record.overlaps.empty()) return md + "\n";
+  md += "\n" + interruptions;
+  if (record.overlaps.empty()) return md;
   md +=
-      "\nPoses before a break that were taken again after it, against the ones that count: what "
+      "Poses before a break that were taken again after it, against the ones that count: what "
       "the "
       "break has changed.\n\n"
       "| pose | stage / mm | yaw / deg | roll / deg | pitch / deg | spots, mean u / px | mean v / "
@@ -213,6 +217,8 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
   std::vector<Draft> drafts = calibration_drafts(folder.figures(), calibration, set);
   for (Draft& draft : attitude_drafts(folder.figures(), record, evaluation))
     drafts.push_back(std::move(draft));
+  for (Draft& draft : time_drafts(folder.figures(), record, rig))
+    drafts.push_back(std::move(draft));
   const std::vector<Figure> figures = draw(folder.figures(), drafts);
 
   std::string md =
@@ -266,7 +272,7 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
   }
 
   md += "## Failed poses\n\n" + failures_text(evaluation, record.plan);
-  md += "\n## Camera\n\n" + calibration_text(calibration);
+  md += "\n" + images_text(record) + "## Camera\n\n" + calibration_text(calibration);
   for (const WrittenTable& t : tables)
     if (t.name == "table1")
       md +=
@@ -275,7 +281,7 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
   md += "\n## Figures\n\n" + figures_markdown(figures);
   if (rig.simulation && rig.simulated())
     md += "## Simulated error budget\n\n" + simulation_budget(rig) + "\n";
-  md += sessions_text(record);
+  md += time_text(record) + telemetry_text(record) + sessions_text(record);
   md += "## Provenance\n\n" + provenance_text(record);
   for (const ClockStep& step : record.clock_steps)
     md += fmt::format("- times of day are not of one clock: journal {}\n", clock_step_text(step));

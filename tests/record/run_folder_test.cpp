@@ -23,6 +23,7 @@ TakenPose taken_at(const Plan& plan, std::size_t index) {
   taken.roll.missed = true;
   taken.roll.retries = 2;
   taken.rig_time_s = 12.5;
+  taken.phases = {1.5, 0.75, 0.375, 0.1875};
   taken.images = {
       {"images/a.png", std::string(64, 'a'), 7, 12.625, {{{1.5, 2.25, 0.01, 200, 21, false}}}},
       {"", "", 8, 12.75, std::nullopt}};
@@ -63,6 +64,75 @@ TEST(RunFolder, JoinsPlanAndJournal) {
   EXPECT_EQ(pose.images[0].spots->at(0).v_px, 2.25);
   EXPECT_FALSE(pose.images[1].spots);
   EXPECT_THROW(load_image(folder, pose.images[1]), ConfigError);
+}
+
+TelemetryConfig two_channels() {
+  TelemetryConfig config;
+  config.channels.resize(2);
+  config.channels[0].name = "room";
+  config.channels[0].unit = "degC";
+  config.channels[1].name = "air";
+  config.channels[1].unit = "hPa";
+  return config;
+}
+
+TEST(RunFolder, KnowsWhereItsTimeWentAndWhatMadeItWait) {
+  const TemporaryFolder temporary;
+  const Plan plan = small_plan();
+  const RunFolder folder = RunFolder::create(temporary / "run", plan);
+  {
+    RunJournal journal(folder, Json::object());
+    journal.interruption("pause", "asked for");
+    journal.pose(taken_at(plan, 0), "motion");
+    journal.telemetry({30.0, {25.0, 1013.5}, ""}, two_channels());
+    journal.interruption("suspend", "room 25 degC");
+    journal.telemetry({40.0, {std::nullopt, 1013.0}, "room: no answer"}, two_channels());
+    journal.telemetry({50.0, {22.0, 1012.0}, ""}, two_channels());
+    journal.interruption("resume", "back");
+    journal.time({{"motion_s", 7.0}, {"rig_s", 60.0}});
+    journal.stop("abort", "a person asked");
+  }
+  {  // killed: says nothing about its time
+    RunJournal journal(folder, Json::object(), read_run_state(folder));
+    TakenPose again = taken_at(plan, 0);
+    again.phases = {3.0, 0.5, 0.25, 0.125};
+    journal.pose(again, "motion", true);
+    journal.pose(taken_at(plan, 1), "motion");
+    again.planned = plan.poses[1];
+    journal.pose(again, "motion");
+  }
+  const RunRecord record = read_run(folder);
+  ASSERT_EQ(record.sessions.size(), 2u);
+  const RunSession& first = record.sessions[0];
+  EXPECT_TRUE(first.whole_time);
+  EXPECT_EQ(first.time, (std::map<std::string, double>{{"motion_s", 7.0}, {"rig_s", 60.0}}));
+  ASSERT_EQ(first.interruptions.size(), 3u);
+  EXPECT_EQ(first.interruptions[0].what, "pause");
+  EXPECT_FALSE(first.interruptions[0].rig_time_s) << "nothing before it said any";
+  EXPECT_EQ(first.interruptions[1].reason, "room 25 degC");
+  EXPECT_EQ(first.interruptions[1].rig_time_s, 30.0);
+  EXPECT_EQ(first.interruptions[2].rig_time_s, 50.0);
+  EXPECT_EQ(first.interruptions[2].utc.size(), 24u);
+  const RunSession& second = record.sessions[1];
+  EXPECT_FALSE(second.whole_time);
+  EXPECT_EQ(second.time, (std::map<std::string, double>{{"motion_s", 6.0 + 1.5},
+                                                        {"settle_s", 1.0 + 0.75},
+                                                        {"trigger_s", 0.5 + 0.375},
+                                                        {"transfer_s", 0.25 + 0.1875}}))
+      << "of all its poses, also one that no longer counts";
+  EXPECT_TRUE(second.interruptions.empty());
+
+  ASSERT_EQ(record.telemetry.size(), 2u);
+  const SessionTelemetry& telemetry = record.telemetry[0];
+  ASSERT_EQ(telemetry.channels.size(), 2u);
+  EXPECT_EQ(telemetry.channels[0].name, "air");
+  EXPECT_EQ(telemetry.channels[1].unit, "degC");
+  ASSERT_EQ(telemetry.readings.size(), 3u);
+  EXPECT_EQ(telemetry.readings[1].rig_time_s, 40.0);
+  EXPECT_EQ(telemetry.readings[1].values[0], 1013.0);
+  EXPECT_FALSE(telemetry.readings[1].values[1]);
+  EXPECT_EQ(telemetry.readings[1].trouble, "room: no answer");
+  EXPECT_TRUE(record.telemetry[1].readings.empty());
 }
 
 TEST(RunFolder, JournalHasTheShapeOfTheEventModel) {
