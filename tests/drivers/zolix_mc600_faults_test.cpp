@@ -17,7 +17,6 @@ using sim::FaultKind;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
-
 class Faults : public ::testing::Test, protected SimulatedMc600 {
  protected:
   Faults() { ready(); }
