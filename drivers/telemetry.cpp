@@ -42,7 +42,10 @@ class TextInstrument {
 
   /// Instruments end their lines with CR, LF or both: either ends an answer, and both end the query.
   std::string ask(const std::string& query, Time timeout) {
-    if (!line_) line_ = open_instrument(config_);
+    if (!line_) {
+      line_ = open_instrument(config_);
+      in_step_ = true;  // nothing can be on its way on a new line
+    }
     try {
       if (!in_step_) settle(timeout);
       in_step_ = false;

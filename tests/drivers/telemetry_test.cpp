@@ -135,7 +135,7 @@ TEST(Telemetry, OpensALineAgainThatWasLost) {
   channel.line.kind = LineConfig::Kind::kTcp;
   channel.line.host = "127.0.0.1";
   channel.ask = "T?";
-  channel.reply_timeout_s = 2.0;
+  channel.reply_timeout_s = 10.0;
   TcpListener listener(0);
   channel.line.tcp_port = listener.port();
   const auto channels = open_channels({10.0, {channel}}, clock, never);
@@ -147,14 +147,16 @@ TEST(Telemetry, OpensALineAgainThatWasLost) {
   };
   { const Line lost = accept(); }
   EXPECT_THROW(channels[0].read(), LineError);
+  std::atomic<bool> read{false};
   std::thread answering([&] {
     Line line = accept();
     char buffer[16];
-    line.read(buffer, clock, clock.now() + std::chrono::seconds{2});
-    line.write("21.5\n", clock, clock.now() + std::chrono::seconds{2});
-    std::this_thread::sleep_for(std::chrono::milliseconds{100});
+    line.read(buffer, clock, clock.now() + std::chrono::seconds{20});
+    line.write("21.5\n", clock, clock.now() + std::chrono::seconds{20});
+    while (!read) std::this_thread::sleep_for(std::chrono::milliseconds{1});
   });
   EXPECT_EQ(channels[0].read(), 21.5);
+  read = true;
   answering.join();
 }
 
