@@ -143,6 +143,13 @@ class RetakeTest : public InspectionTest {
     view.stand(150, 0, 0, 0);
     return view.look(Payload::kLedTarget);
   }
+  void hold_by_room(const ChannelConfig::Hold& hold) {
+    ChannelConfig room;
+    room.name = "room";
+    room.unit = "degC";
+    room.hold = hold;
+    rig.telemetry.channels = {room};
+  }
   AcquireSummary run() { return acquire(fake.rig, rig, plan, *folder, {{"version", "test"}}); }
 
   Image good;
@@ -201,11 +208,7 @@ TEST_F(RetakeTest, TriesTheCameraOutBeforeAnythingMoves) {
 }
 
 TEST_F(RetakeTest, WaitsWhileAChannelIsOutsideItsBand) {
-  ChannelConfig room;
-  room.name = "room";
-  room.unit = "degC";
-  room.hold = {18.0, 24.0, 19.0, 23.0, 60.0, 0.0};
-  rig.telemetry.channels = {room};
+  hold_by_room({18.0, 24.0, 19.0, 23.0, 60.0, 0.0});
   rig.telemetry.every_s = 10.0;
   // Warm from 5 s to 500 s of the rig's time, just below the limit until 600 s.
   fake.rig.channels = {{"room", [this] {
@@ -228,11 +231,7 @@ TEST_F(RetakeTest, WaitsWhileAChannelIsOutsideItsBand) {
 }
 
 TEST_F(RetakeTest, ReadsItsChannelsAgainAfterAPauseBeforeAPoseIsTaken) {
-  ChannelConfig room;
-  room.name = "room";
-  room.unit = "degC";
-  room.hold = {18.0, 24.0, 18.0, 24.0, 0.0, 0.0};
-  rig.telemetry.channels = {room};
+  hold_by_room({18.0, 24.0, 18.0, 24.0, 0.0, 0.0});
   rig.telemetry.every_s = 10.0;
   double degc = 21.0;
   fake.rig.channels = {{"room", [&] { return degc; }}};
@@ -253,11 +252,7 @@ TEST_F(RetakeTest, ReadsItsChannelsAgainAfterAPauseBeforeAPoseIsTaken) {
 }
 
 TEST_F(RetakeTest, GivesUpWaitingIfItIsToldTo) {
-  ChannelConfig room;
-  room.name = "room";
-  room.unit = "degC";
-  room.hold = {18.0, 24.0, 18.0, 24.0, 0.0, 300.0};
-  rig.telemetry.channels = {room};
+  hold_by_room({18.0, 24.0, 18.0, 24.0, 0.0, 300.0});
   fake.rig.channels = {{"room", [] { return 30.0; }}};
   EXPECT_THROW(run(), DeviceError);
   EXPECT_THAT(read_run(*folder).reason, HasSubstr("not back after"));
