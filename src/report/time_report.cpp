@@ -505,8 +505,8 @@ std::string images_text(const RunRecord& record) {
                     images, retakes);
   if (complaints.empty()) return md + "Every pose is kept with good images.\n\n";
   md += fmt::format(
-      "{} of {} poses are kept with a complaint about an image. It goes by the rig file's "
-      "nominal camera, and excludes nothing from the tables.\n\n"
+      "{} of {} poses are kept with a complaint about an image. Complaints go by the rig file's "
+      "nominal camera and exclude nothing from the tables.\n\n"
       "| images | of poses | scenario | complaint (of the first) |\n|--:|---|---|---|\n",
       poses, record.poses.size());
   std::vector<std::pair<std::size_t, const Complaint*>> rows;
@@ -555,8 +555,9 @@ std::string interruptions_text(const RunRecord& record) {
   for (std::size_t s = 0; s < record.sessions.size(); ++s)
     for (const Interruption& i : record.sessions[s].interruptions)
       if (++count <= kRows)
-        rows += fmt::format("| {} | {} | {} | {} | {} |\n", s + 1, i.utc,
-                            i.rig_time_s ? fixed(*i.rig_time_s, 1) : "-", i.what, in_cell(i.reason));
+        rows +=
+            fmt::format("| {} | {} | {} | {} | {} |\n", s + 1, i.utc,
+                        i.rig_time_s ? fixed(*i.rig_time_s, 1) : "-", i.what, in_cell(i.reason));
   if (count == 0) return {};
   std::string md =
       "What made the run wait, and what let it go on. Rig time is that of the last pose or reading "
