@@ -299,7 +299,7 @@ void MotionAxis<Q>::send_leg() {
   move_.last_position = from;
   move_.leg_began = clock_->now();
   move_.deadline = move_.leg_began + from_seconds(deadline_seconds(to - from));
-  move_.seen_ended = false;
+  move_.ended_since.reset();
   move_.inside_since.reset();
   move_.outside_since.reset();
   move_.acknowledged =
@@ -462,11 +462,11 @@ bool MotionAxis<Q>::leg_ended(const AxisStatus<Q>& status, Time now) {
     const bool at_goal = within(here, move_.leg_goal);
     // A controller's "ended" may be left over from the move before: believed where the axis is at
     // its goal or stands still.
+    if (!unchanged) move_.ended_since.reset();
     if (status.motion == Motion::kEnded) {
-      const bool stands =
-          unchanged && move_.seen_ended && now - move_.last_change >= from_seconds(timing_.poll);
+      if (!move_.ended_since) move_.ended_since = now;
+      const bool stands = now - *move_.ended_since >= from_seconds(timing_.poll);
       if (at_goal || stands) return true;
-      move_.seen_ended = true;
     }
     // Where the controller cannot tell, standing still at the goal is the end; but a counter at 0
     // may as well have been reset.

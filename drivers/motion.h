@@ -114,8 +114,8 @@ class MotionAxis final : public Axis<Q> {
     Acknowledgement acknowledged{};
     Q last_position{};
     Time last_change{0};
-    bool seen_ended = false;  ///< at the previous read already
-    int odd_reads = 0;        ///< in a row, of places where the axis cannot be
+    std::optional<Time> ended_since;  ///< the controller has said so, at one place
+    int odd_reads = 0;                ///< in a row, of places where the axis cannot be
     std::optional<Time> inside_since, outside_since;
     unsigned generation = 0;
   };

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <map>
 #include <memory>
+#include <optional>
 
 #include "protocols/modbus_master.h"
 #include "protocols/serial.h"
@@ -32,22 +33,89 @@ std::string line_key(const LineConfig& line) {
                                                 : fmt::format("{}:{}", line.host, line.tcp_port);
 }
 
-/// Instruments end their lines with CR, LF or both: either ends an answer, and both end the query.
-std::string ask_instrument(Line& line, Clock& clock, const std::string& query, Time timeout) {
-  line.drain(clock.now());
-  const Time deadline = clock.now() + timeout;
-  line.write(query + "\r\n", clock, deadline);
-  std::string answer;
-  for (char byte = 0; answer.size() < kLongestAnswer;) {
-    line.read({&byte, 1}, clock, deadline);
-    if (byte != '\r' && byte != '\n')
-      answer += byte;
-    else if (!answer.empty())
+/// An instrument that answers in text. A line that was lost is opened again for the next question: it
+/// may have been switched off for a while.
+class TextInstrument {
+ public:
+  TextInstrument(const LineConfig& config, Clock& clock)
+      : config_(config), clock_(clock), line_(open_instrument(config)) {}
+
+  /// Instruments end their lines with CR, LF or both: either ends an answer, and both end the query.
+  std::string ask(const std::string& query, Time timeout) {
+    if (!line_) line_ = open_instrument(config_);
+    try {
+      if (!in_step_) settle(timeout);
+      in_step_ = false;
+      line_->drain(clock_.now());
+      const Time deadline = clock_.now() + timeout;
+      line_->write(query + "\r\n", clock_, deadline);
+      std::string answer = answer_until(deadline);
+      in_step_ = true;
       return answer;
+    } catch (const LineError&) {
+      line_.reset();
+      throw;
+    }
   }
-  throw ProtocolError(fmt::format("{}: an answer of more than {} bytes to \"{}\"", line.name(),
-                                  kLongestAnswer, query));
-}
+
+ private:
+  std::string answer_until(Time deadline) {
+    std::string answer;
+    for (char byte = 0; answer.size() < kLongestAnswer;) {
+      line_->read({&byte, 1}, clock_, deadline);
+      if (byte != '\r' && byte != '\n')
+        answer += byte;
+      else if (!answer.empty())
+        return answer;
+    }
+    throw ProtocolError(
+        fmt::format("{}: an answer of more than {} bytes", line_->name(), kLongestAnswer));
+  }
+  /// After a failure an answer may still be on its way, and must not be taken for the next one's.
+  void settle(Time quiet) {
+    const Time at_most = clock_.now() + 4 * quiet;
+    while (clock_.now() < at_most &&
+           clock_.wait_readable(line_->descriptor(), clock_.now() + quiet))
+      line_->drain(clock_.now());
+  }
+
+  LineConfig config_;
+  Clock& clock_;
+  std::optional<Line> line_;
+  bool in_step_ = true;
+};
+
+/// The same for Modbus, whose master settles by itself.
+class Registers {
+ public:
+  Registers(const LineConfig& config, Clock& clock, Time timeout)
+      : config_(config), clock_(clock), timeout_(timeout) {
+    open();
+  }
+  std::uint16_t read(const ChannelConfig& channel) {
+    if (!master_) open();
+    const auto address = static_cast<std::uint16_t>(channel.register_at);
+    try {
+      return channel.holding ? master_->read_holding(channel.slave, address, 1).at(0)
+                             : master_->read_input(channel.slave, address, 1).at(0);
+    } catch (const LineError&) {
+      master_.reset();
+      throw;
+    }
+  }
+
+ private:
+  void open() {
+    const bool tcp = config_.kind == LineConfig::Kind::kModbusTcp;
+    master_ = std::make_unique<ModbusMaster>(
+        open_instrument(config_), clock_,
+        tcp ? ModbusMaster::Framing::kTcp : ModbusMaster::Framing::kRtu, timeout_);
+  }
+  LineConfig config_;
+  Clock& clock_;
+  Time timeout_;
+  std::unique_ptr<ModbusMaster> master_;
+};
 
 std::string text_of(const std::filesystem::path& file) {
   std::ifstream in(file);
@@ -75,8 +143,8 @@ double first_number(std::string_view text) {
 std::vector<Channel> open_channels(const TelemetryConfig& telemetry, Clock& clock,
                                    const std::function<double(const ChannelConfig&)>& simulated) {
   using Source = ChannelConfig::Source;
-  std::map<std::string, std::shared_ptr<Line>> dialogs;
-  std::map<std::string, std::shared_ptr<ModbusMaster>> masters;
+  std::map<std::string, std::shared_ptr<TextInstrument>> instruments;
+  std::map<std::string, std::shared_ptr<Registers>> slaves;
   std::vector<Channel> channels;
   for (const ChannelConfig& c : telemetry.channels) {
     std::function<double()> reading;
@@ -84,25 +152,16 @@ std::vector<Channel> open_channels(const TelemetryConfig& telemetry, Clock& cloc
     if (c.source == Source::kFile) {
       reading = [c] { return first_number(text_of(c.path)); };
     } else if (c.source == Source::kAsk) {
-      auto& line = dialogs[line_key(c.line)];
-      if (!line) line = std::make_shared<Line>(open_instrument(c.line));
-      reading = [c, line, timeout, &clock] {
-        return first_number(ask_instrument(*line, clock, c.ask, timeout));
-      };
+      auto& instrument = instruments[line_key(c.line)];
+      if (!instrument) instrument = std::make_shared<TextInstrument>(c.line, clock);
+      reading = [c, instrument, timeout] { return first_number(instrument->ask(c.ask, timeout)); };
     } else if (c.source == Source::kRegister) {
-      auto& master = masters[line_key(c.line)];
-      if (!master)
-        master = std::make_shared<ModbusMaster>(open_instrument(c.line), clock,
-                                                c.line.kind == LineConfig::Kind::kModbusTcp
-                                                    ? ModbusMaster::Framing::kTcp
-                                                    : ModbusMaster::Framing::kRtu,
-                                                timeout);
-      reading = [c, master] {
-        const auto address = static_cast<std::uint16_t>(c.register_at);
-        const auto words = c.holding ? master->read_holding(c.slave, address, 1)
-                                     : master->read_input(c.slave, address, 1);
-        return c.is_signed ? static_cast<double>(static_cast<std::int16_t>(words.at(0)))
-                           : static_cast<double>(words.at(0));
+      auto& registers = slaves[line_key(c.line)];
+      if (!registers) registers = std::make_shared<Registers>(c.line, clock, timeout);
+      reading = [c, registers] {
+        const std::uint16_t word = registers->read(c);
+        return c.is_signed ? static_cast<double>(static_cast<std::int16_t>(word))
+                           : static_cast<double>(word);
       };
     } else {
       reading = [c, simulated] { return simulated(c); };

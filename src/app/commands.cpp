@@ -4,9 +4,11 @@
 #include <fmt/ranges.h>
 #include <poll.h>
 #include <spdlog/spdlog.h>
+#include <termios.h>
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <numeric>
 #include <optional>
 #include <thread>
 
@@ -181,6 +183,7 @@ class Waiting {
           "paused after {} of {} poses. {}\"turntable resume {}\" goes on; Ctrl-C ends it.", p.done,
           p.total, terminal() ? "Enter or " : "", root_.string());
     if (p.phase != said_ && p.phase == "suspended") spdlog::warn("suspended: {}", p.reason);
+    if (p.phase != said_ && paused && terminal()) ::tcflush(STDIN_FILENO, TCIFLUSH);
     said_ = p.phase;
     if (paused && terminal() && entered()) request_pause(false);
   }
@@ -223,6 +226,28 @@ void print_times(const AcquireSummary& s) {
       "  by the wall: archiving {:.1f} s beside the motion, {:.1f} s waited for; looking at "
       "images {:.1f} s\n",
       s.archive_s, s.waited_s, s.inspect_s);
+}
+
+/// Everything that devices can be asked without moving or writing anything.
+void ask_devices(const TakeArguments& a, const std::string& command, const RigFile& rig_file,
+                 const Plan& plan) {
+  std::fflush(stdout);
+  const RigLock lock(rig_file, command);
+  Rig rig = open_rig(rig_file, {false, a.assume_mounted, a.wire_log, a.speed});
+  fmt::print("devices:\n");
+  print_list(rig.identities);
+  print_check(check_devices(rig, rig_file, plan), rig_file);
+  fmt::print("The devices allow every pose. Nothing has moved.\n");
+}
+
+/// The plan's time as this rig takes it, once it is known.
+void print_learned_time(const Plan& plan, const RigFile& rig) {
+  const auto known = known_overheads(rig.name);
+  if (!known) return;
+  std::vector<std::size_t> all(plan.poses.size());
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  fmt::print("  as this rig takes it: {} (learned from {} poses)\n",
+             duration_text(Pace(plan, rig, all, *known).left_s()), known->poses);
 }
 
 /// @param folder is there as soon as it has been made.
@@ -290,10 +315,13 @@ int take_and_finish(const Taking& taking, const EvaluateOptions& options,
   fmt::print("{} poses taken: {} on the rig's clock, {} by the wall\n", summary.poses,
              duration_text(summary.rig_s), duration_text(summary.wall_s));
   print_times(summary);
+  if (summary.failed > 0)
+    fmt::print("{} poses failed: an axis missed its target, or the target was not seen\n",
+               summary.failed);
   if (summary.retakes + summary.trigger_retries + summary.doubtful > 0)
     fmt::print(
-        "{} images were bad and taken again, {} triggers were repeated, {} poses are kept with "
-        "a complaint (see the journal)\n",
+        "{} images were bad and taken again, {} triggers were repeated, {} other poses are "
+        "kept with a complaint (see report.md)\n",
         summary.retakes, summary.trigger_retries, summary.doubtful);
   try {
     const int code = write_outputs(folder, {taking.calibration, options, beside}, Rewrite::kAll);
@@ -343,6 +371,7 @@ int plan_command(const PlanArguments& a) {
   const Plan plan = plan_campaign(campaign, rig);
   const PlanReport report = check_plan(plan, rig, {archive_mode_from_name(a.images), a.out});
   fmt::print("{}", plan_summary(plan, report));
+  print_learned_time(plan, rig);
   const std::vector<OrderTime> orders = order_times(campaign, rig);
   if (!orders.empty()) fmt::print("\n  motion by order of poses (* = as the scenario says):\n");
   for (std::size_t i = 0; i < orders.size(); ++i) {
@@ -360,6 +389,7 @@ int plan_command(const PlanArguments& a) {
     write_atomically(a.picture, plan_picture(plan, pose_times(plan, rig)));
     fmt::print("picture: {}\n", a.picture.string());
   }
+  if (a.ask_devices) ask_devices({}, fmt::format("plan {}", a.scenario.string()), rig, plan);
   return kDone;
 }
 
@@ -384,6 +414,16 @@ int run_command(const RunArguments& a) {
   const fs::path root = a.out.empty() ? RunFolder::default_root(plan.name) : a.out;
   const PlanReport report = check_plan(plan, rig_file, {archive, root});
   fmt::print("{}", plan_summary(plan, report));
+  print_learned_time(plan, rig_file);
+  if (a.configure && a.dry_run)
+    throw ConfigError(
+        "--configure", "",
+        "writes into the controllers, and --dry-run writes nothing. Remove the one or "
+        "the other.");
+  if (a.ask_devices && !a.dry_run)
+    throw ConfigError("--ask-devices", "", "is for --dry-run; a run asks them anyway.");
+  if (a.ask_devices)
+    ask_devices(a, fmt::format("run {} --dry-run", a.scenario.string()), rig_file, plan);
   if (a.dry_run) {
     fmt::print("Dry run: nothing moved, nothing written.\n");
     return kDone;
@@ -444,6 +484,7 @@ int resume_command(const ResumeArguments& a) {
                                   : fmt::format("; {} whose images are lost will be taken again",
                                                 findings.lost_poses.size()));
   if (before.complete()) {
+    for (const std::string& change : changes) spdlog::warn("{}", change);
     fmt::print("Nothing is left to take.\n");
     return write_outputs(folder, {loaded, options, {}}, Rewrite::kAll);
   }

@@ -25,6 +25,7 @@ struct PlanArguments {
   std::filesystem::path scenario, rig, csv, picture, out;
   std::filesystem::path calibration;
   std::string images = "regions";
+  bool ask_devices = false;  ///< connect and ask what can be asked without moving
 };
 int plan_command(const PlanArguments& a);
 
@@ -40,7 +41,7 @@ struct RunArguments : TakeArguments {
   std::vector<std::string> solvers;
   std::vector<std::filesystem::path> beside;  ///< earlier runs whose cameras the report sets beside
   std::string images = "regions";
-  bool dry_run = false;
+  bool dry_run = false, ask_devices = false;
 };
 int run_command(const RunArguments& a);
 

@@ -115,6 +115,9 @@ int main(int argc, char** argv) {
   plan_verb->add_option("--out", plan.out, "run folder to be, for the disk space check");
   plan_verb->add_option("--calibration", plan.calibration, "camera calibration instead of a sweep");
   plan_verb->add_option("--images", plan.images, image_modes)->capture_default_str();
+  const std::string asks =
+      "connect too: set-up, limits, channels and one test exposure; nothing moves";
+  plan_verb->add_flag("--ask-devices", plan.ask_devices, asks);
   plan_verb->footer(
       "Example:\n  turntable plan scenarios/campaigns/paper_2019.json --rig "
       "scenarios/rigs/simulated.json");
@@ -179,6 +182,7 @@ int main(int argc, char** argv) {
   run_verb->add_option("--images", run.images, image_modes)->capture_default_str();
   takes_poses(*run_verb, run);
   run_verb->add_flag("--dry-run", run.dry_run, "check everything, move nothing, write nothing");
+  run_verb->add_flag("--ask-devices", run.ask_devices, asks);
   run_verb->footer(
       std::string(
           "Examples:\n"

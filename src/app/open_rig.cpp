@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <poll.h>
+#include <termios.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -84,6 +85,7 @@ void ask_to_mount(Payload payload) {
         "terminal). Run from a terminal, or confirm with --assume-mounted that it stays "
         "as it is.",
         what));
+  ::tcflush(STDIN_FILENO, TCIFLUSH);  // a key pressed earlier confirms nothing
   fmt::print(stderr,
              "\nMount {} on the table, then press Enter (Ctrl-C twice ends the run): ", what);
   // Not blocked in a read: a stop from elsewhere has to come through.

@@ -21,6 +21,8 @@ std::string dotted(int major, int minor, int patch) {
 
 Json axis_settings(const AxisConfig& axis) {
   return {{"unit", axis.unit()},
+          {"reach_lower", axis.reach_lower()},
+          {"reach_upper", axis.reach_upper()},
           {"stage", axis.stage_model},
           {"controller", axis.controller},
           {"channel", axis.channel},

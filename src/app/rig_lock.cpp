@@ -69,6 +69,8 @@ std::set<std::string> line_ids(const RigFile& rig) {
   std::set<std::string> ids;
   for (const ControllerConfig& controller : rig.controllers)
     if (std::string id = line_id(controller.line); !id.empty()) ids.insert(std::move(id));
+  for (const ChannelConfig& channel : rig.telemetry.channels)
+    if (std::string id = line_id(channel.line); !id.empty()) ids.insert(std::move(id));
   return ids;
 }
 

@@ -66,7 +66,15 @@ void verify_outputs(const RunFolder& folder, RunFindings& findings) {
   }
   const RunRecord record = read_run(folder);
   const EvaluationRecord how = read_evaluation_record(folder, record.plan);
-  if (how.journal_lines != record.journal.next_seq - 1) {
+  const std::uint64_t lines = record.journal.next_seq - 1;
+  if (how.journal_lines > lines) {
+    findings.damage.push_back(fmt::format(
+        "{}: has {} good lines, and had {} when the run was evaluated: its end is lost. Restore it "
+        "from a copy, or \"turntable resume\" takes the poses again.",
+        folder.journal().string(), lines, how.journal_lines));
+    return;
+  }
+  if (how.journal_lines < lines) {
     findings.remarks.push_back(fmt::format(
         "the run was evaluated when its journal had {} lines, and has {} now: nothing to compare "
         "with; \"turntable evaluate {}\" does it again",

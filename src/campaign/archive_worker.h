@@ -36,7 +36,7 @@ class ArchiveWorker {
     double busy_s = 0.0;
   };
 
-  /// All references must outlive the worker, which is the only user of `journal` while it lives.
+  /// All references must outlive the worker, which has `journal` while it lives: others write by `note`.
   ArchiveWorker(RunJournal& journal, const RunFolder& folder, const Plan& plan,
                 const RigFile& rig_file, const AcquireOptions& options);
   ~ArchiveWorker();

@@ -121,8 +121,7 @@ std::string led_complaint(ImageView image, const std::vector<Spot>& spots, const
   return blur_complaint(blur, rig);
 }
 
-std::string pattern_complaint(ImageView image, const RigFile& rig) {
-  const PatternSearch search = find_pattern(image, rig.pattern);
+std::string pattern_complaint(ImageView image, const PatternSearch& search, const RigFile& rig) {
   if (search.status != PatternStatus::kFound)
     return fmt::format("pattern: {}", pattern_status_name(search.status));
   if (rig.pattern.kind == PatternKind::kChessboard) return {};
@@ -138,7 +137,9 @@ std::string pattern_complaint(ImageView image, const RigFile& rig) {
 Inspection inspect(ImageView image, const PlannedPose& pose, const RigFile& rig) {
   Inspection out;
   if (pose.payload == Payload::kCirclePattern) {
-    out.complaint = pattern_complaint(image, rig);
+    const PatternSearch search = find_pattern(image, rig.pattern);
+    out.target_seen = search.status == PatternStatus::kFound;
+    out.complaint = pattern_complaint(image, search, rig);
     return out;
   }
   const SpotSearch search =

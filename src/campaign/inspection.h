@@ -21,7 +21,7 @@ constexpr std::size_t kMaxSpots = 32;
 struct Inspection {
   std::optional<std::vector<TakenSpot>> spots;  ///< LED target only; brightest first
   std::vector<Region> regions;                  ///< of these spots
-  bool target_seen = true;     ///< LED target: as many spots as it has LEDs, or more
+  bool target_seen = false;    ///< as many spots as LEDs, or more; the pattern found
   bool worth_regions = false;  ///< nothing outside `regions` will be missed
   std::string complaint;       ///< the gravest one, for people; empty = a good image
 };

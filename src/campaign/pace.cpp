@@ -34,26 +34,26 @@ std::filesystem::path overheads_file(const std::string& rig_name) {
 
 Pace::Pace(const Plan& plan, const RigFile& rig, const std::vector<std::size_t>& todo,
            const Overheads& known)
-    : planned_(pose_times(plan, rig)), known_(known) {
-  images_.reserve(plan.poses.size());
-  for (const PlannedPose& pose : plan.poses) images_.push_back(pose.images);
-  for (const std::size_t pose : todo) {
-    kinematics_left_s_ += planned_[pose].motion_s + planned_[pose].settle_s;
-    legs_[place(planned_[pose].slowest)].left += planned_[pose].legs;
-    images_left_ += images_[pose];
+    : planned_(pose_times(plan, rig, todo)), known_(known) {
+  images_.reserve(todo.size());
+  for (const std::size_t pose : todo) images_.push_back(plan.poses[pose].images);
+  for (std::size_t i = 0; i < todo.size(); ++i) {
+    kinematics_left_s_ += planned_[i].motion_s + planned_[i].settle_s;
+    legs_[place(planned_[i].slowest)].left += planned_[i].legs;
+    images_left_ += images_[i];
   }
 }
 
-void Pace::taken(std::size_t pose, double elapsed_s, double images_s) {
-  const PhaseTimes& planned = planned_[pose];
+void Pace::taken(double elapsed_s, double images_s) {
+  const PhaseTimes& planned = planned_[poses_];
   Legs& legs = legs_[place(planned.slowest)];
   kinematics_left_s_ -= planned.motion_s + planned.settle_s;
   legs.left -= planned.legs;
   legs.taken += planned.legs;
   legs.over_s += elapsed_s - images_s - planned.motion_s - planned.settle_s;
-  images_left_ -= images_[pose];
+  images_left_ -= images_[poses_];
   images_s_ += images_s;
-  images_taken_ += images_[pose];
+  images_taken_ += images_[poses_];
   ++poses_;
 }
 

@@ -27,19 +27,19 @@ struct Overheads {
 
 class Pace {
  public:
-  /// @param todo places in the plan of what will be taken.
+  /// @param todo places in the plan of what will be taken, in this order, from zero angles on.
   Pace(const Plan& plan, const RigFile& rig, const std::vector<std::size_t>& todo,
        const Overheads& known);
 
-  /// A pose was taken, in `elapsed_s` of the rig's time from the one before, of which `images_s` for
-  /// its images. Waits of which nobody can know (people, holds) left out.
-  void taken(std::size_t pose, double elapsed_s, double images_s);
+  /// The next pose was taken, in `elapsed_s` of the rig's time from the one before, of which `images_s`
+  /// for its images. Waits of which nobody can know (people, holds) left out.
+  void taken(double elapsed_s, double images_s);
   /// Rig time for the poses that are left, s.
   double left_s() const;
   Overheads learned() const;
 
  private:
-  std::vector<PhaseTimes> planned_;
+  std::vector<PhaseTimes> planned_;  ///< of `todo`, as is
   std::vector<int> images_;
   Overheads known_;
   double kinematics_left_s_ = 0.0, images_left_ = 0.0;
@@ -49,7 +49,7 @@ class Pace {
     double over_s = 0.0;  ///< of those taken
   };
   std::array<Legs, kAllAxes.size()> legs_;
-  std::size_t poses_ = 0;
+  std::size_t poses_ = 0;  ///< taken
 };
 
 /// What earlier runs on the rig of this name have taught; nothing if there were none, or the file

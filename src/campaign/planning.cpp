@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <optional>
 #include <set>
 #include <tuple>
@@ -499,10 +500,17 @@ std::vector<OrderTime> order_times(const Campaign& campaign, const RigFile& rig)
 }
 
 std::vector<PhaseTimes> pose_times(const Plan& plan, const RigFile& rig) {
+  std::vector<std::size_t> all(plan.poses.size());
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  return pose_times(plan, rig, all);
+}
+
+std::vector<PhaseTimes> pose_times(const Plan& plan, const RigFile& rig,
+                                   const std::vector<std::size_t>& places) {
   std::vector<PhaseTimes> times;
-  times.reserve(plan.poses.size());
+  times.reserve(places.size());
   std::array<double, kAllAxes.size()> at{};
-  Payload payload = plan.poses.empty() ? Payload::kLedTarget : plan.poses.front().payload;
+  Payload payload = places.empty() ? Payload::kLedTarget : plan.poses[places.front()].payload;
   const auto go = [&](PhaseTimes& time, const auto& target_of) {
     double motion = 0.0, settle = 0.0;
     int legs = 0;
@@ -522,7 +530,8 @@ std::vector<PhaseTimes> pose_times(const Plan& plan, const RigFile& rig) {
     time.motion_s += motion;
     time.settle_s += settle;
   };
-  for (const PlannedPose& pose : plan.poses) {
+  for (const std::size_t place : places) {
+    const PlannedPose& pose = plan.poses[place];
     PhaseTimes time;
     if (pose.payload != payload) go(time, [](AxisId) { return 0.0; });
     payload = pose.payload;

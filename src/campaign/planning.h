@@ -74,6 +74,9 @@ struct PlanReport {
 /// One entry per pose: what it takes from the pose before it, the first one from zero angles.
 /// Changing the payload leads through zero.
 std::vector<PhaseTimes> pose_times(const Plan& plan, const RigFile& rig);
+/// The same for some places of the plan, in the order in which they are taken.
+std::vector<PhaseTimes> pose_times(const Plan& plan, const RigFile& rig,
+                                   const std::vector<std::size_t>& places);
 
 struct OrderTime {
   std::size_t scenario = 0;  ///< in the campaign

@@ -25,6 +25,8 @@ namespace {
 
 using Targets = std::array<double, kAllAxes.size()>;  ///< mm or deg, by order of kAllAxes
 
+/// While poses wait for a channel it is read so often, if its own interval is longer. s
+constexpr double kHoldPoll_s = 10.0;
 /// If no axis waited by itself, so that polling does not eat a core.
 constexpr Time kPollPause = std::chrono::milliseconds(5);
 
@@ -62,15 +64,13 @@ class Acquisition {
     ArchiveWorker worker(journal, folder, plan_, rig_file_, options_);
     std::exception_ptr cause;
     try {
-      journal.baseline(positions());  // before the first job: the journal is not shared yet
-      if (const auto reading = telemetry_.read_if_due())
-        journal.telemetry(*reading, rig_file_.telemetry);
+      baseline(journal);  // before the first job: the journal is not shared yet
       home();
       for (const std::size_t index : schedule_.overlap) take(plan_.poses[index], worker, true);
       for (const std::size_t index : schedule_.missing) take(plan_.poses[index], worker, false);
       report("finishing");
       worker.finish();
-      journal.baseline(positions());
+      baseline(journal);
       tally(worker, began);
       journal.time(summary_.phases());
       journal.stop("success", "");
@@ -99,12 +99,7 @@ class Acquisition {
   /// The devices have the last word on limits and images, and have it before anything moves.
   void check_devices() const {
     check_size(rig_.camera->image_size());
-    std::vector<Exposure> exposures;
-    for (const auto* list : {&schedule_.overlap, &schedule_.missing})
-      for (const std::size_t index : *list)
-        for (int i = 0; i < plan_.poses[index].images; ++i)
-          exposures.push_back(exposure(plan_.poses[index], i));
-    rig_.camera->check(exposures);
+    if (!rig_.camera->exposes()) check_exposures();
     const auto check = [this](AxisId id, double target) {
       with_axis(rig_, id, [target](auto& axis) { axis.check(quantity(axis, target)); });
     };
@@ -115,6 +110,16 @@ class Acquisition {
   }
 
  private:
+  /// Of a camera that looks images up. One that exposes answers whatever comes.
+  void check_exposures() const {
+    std::vector<Exposure> exposures;
+    for (const auto* list : {&schedule_.overlap, &schedule_.missing})
+      for (const std::size_t index : *list)
+        for (int i = 0; i < plan_.poses[index].images; ++i)
+          exposures.push_back(exposure(plan_.poses[index], i));
+    rig_.camera->check(exposures);
+  }
+
   void check_size(ImageSize found) const {
     const ImageSize allowed = rig_file_.camera.image_size;
     if (found != allowed)
@@ -156,13 +161,18 @@ class Acquisition {
     return out;
   }
 
+  /// Every device at the start and at the end of a session.
+  void baseline(RunJournal& journal) {
+    journal.baseline(positions());
+    if (!rig_.channels.empty()) journal.telemetry(telemetry_.read(), rig_file_.telemetry);
+  }
+
   void report(std::string_view phase, std::string_view reason = {}) {
     if (!progress_) return;
     const double now = wall_s();
     const double left = pace_.left_s();
     // Virtual time passes faster than the wall's; before the first pose nobody knows how much.
-    const double per_rig_second =
-        posing_rig_s_ > 0.0 ? (now - first_pose_wall_) / posing_rig_s_ : 1.0;
+    const double per_rig_second = posing_rig_s_ > 0.0 ? posing_wall_s_ / posing_rig_s_ : 1.0;
     progress_(
         {done_, plan_.poses.size(), phase, reason, now - began_wall_, per_rig_second * left, left});
   }
@@ -189,18 +199,20 @@ class Acquisition {
       });
     }
     summary_.homing_s = seconds(rig_.clock->now() - began);
-    first_pose_wall_ = wall_s();
   }
 
   void take(const PlannedPose& pose, ArchiveWorker& worker, bool overlap) {
     ArchiveWorker::Job job;
+    // Whatever made the run wait, the channels have the last word before the rig moves.
+    do {
+      hold_while_paused(worker);
+      throw_if_interrupted();
+      throw_if_stopping_now();
+      mount(pose.payload);
+    } while (hold_while_outside(worker, job) || pause_requested());
     const Time began = rig_.clock->now();
+    const double began_wall = wall_s();
     const AcquireSummary before = summary_;
-    hold_while_outside(worker, job);
-    hold_while_paused(worker);
-    throw_if_interrupted();
-    throw_if_stopping_now();
-    mount(pose.payload);
     report("moving");
     Targets targets{};
     for (std::size_t i = 0; i < kAllAxes.size(); ++i) targets[i] = pose.target(kAllAxes[i]);
@@ -228,10 +240,11 @@ class Acquisition {
     worker.push(std::move(job));
     summary_.waited_s += wall_s() - waiting;
     if (!overlap) ++done_;
-    const double unforeseen = summary_.held_s - before.held_s + summary_.mount_s - before.mount_s;
-    const double elapsed = seconds(rig_.clock->now() - began) - unforeseen;
-    pace_.taken(pose.index, elapsed, images_s);
+    const double elapsed = seconds(rig_.clock->now() - began) + mounting_motion_s_;
+    mounting_motion_s_ = 0.0;
+    pace_.taken(elapsed, images_s);
     posing_rig_s_ += elapsed;
+    posing_wall_s_ += wall_s() - began_wall;
   }
 
   /// Takes an image, and takes it again as often as is allowed while it is bad.
@@ -259,18 +272,19 @@ class Acquisition {
   }
 
   /// Reads the channels if they are due, and waits as long as one is outside its band.
-  void hold_while_outside(ArchiveWorker& worker, ArchiveWorker::Job& job) {
+  /// @return whether it had to wait.
+  bool hold_while_outside(ArchiveWorker& worker, ArchiveWorker::Job& job) {
     if (const auto reading = telemetry_.read_if_due()) job.telemetry.push_back(*reading);
     std::string why = telemetry_.outside();
-    if (why.empty()) return;
+    if (why.empty()) return false;
     worker.note([&](RunJournal& journal) {
       for (const TelemetryReading& reading : job.telemetry)
         journal.telemetry(reading, rig_file_.telemetry);
       journal.interruption("suspend", why);
     });
     job.telemetry.clear();
+    const Held held(*this);
     const Time began = rig_.clock->now();
-    const double began_wall = wall_s();
     double for_s = 0.0;
     std::optional<Time> back;  // since when
     while (!back || seconds(rig_.clock->now() - *back) < for_s) {
@@ -281,7 +295,7 @@ class Acquisition {
             "{}: not back after {:.0f} s. See to it, then \"turntable resume\".", why, waited));
       report("suspended", why);
       throw_if_interrupted();
-      rig_.clock->sleep_for(from_seconds(rig_file_.telemetry.every_s));
+      rig_.clock->sleep_for(from_seconds(std::min(rig_file_.telemetry.every_s, kHoldPoll_s)));
       throw_if_stopping_now();
       const TelemetryReading reading = telemetry_.read();
       worker.note([&](RunJournal& journal) { journal.telemetry(reading, rig_file_.telemetry); });
@@ -294,25 +308,21 @@ class Acquisition {
       }
     }
     const double waited = seconds(rig_.clock->now() - began);
-    summary_.held_s += waited;
-    first_pose_wall_ += wall_s() - began_wall;
     worker.note([&](RunJournal& journal) {
       journal.interruption("resume", fmt::format("all channels back after {:.0f} s", waited));
     });
+    return true;
   }
 
   /// The axes stand; devices and references stay as they are.
   void hold_while_paused(ArchiveWorker& worker) {
     if (!pause_requested() || interrupt_level() > 0) return;
     worker.note([](RunJournal& journal) { journal.interruption("pause", "asked for"); });
-    const double began = wall_s();
-    const Time began_rig = rig_.clock->now();
+    const Held held(*this);
     while (pause_requested() && interrupt_level() == 0) {
       report("paused");
       std::this_thread::sleep_for(std::chrono::milliseconds(20));
     }
-    first_pose_wall_ += wall_s() - began;  // no pose took that long
-    summary_.held_s += seconds(rig_.clock->now() - began_rig);
     const std::string why = pause_requested() ? "interrupted" : "asked for";
     worker.note([&](RunJournal& journal) { journal.interruption("resume", why); });
   }
@@ -320,9 +330,11 @@ class Acquisition {
   void mount(Payload payload) {
     if (mounted_ == payload) return;
     report("mounting");
+    const Time left = rig_.clock->now();
     move({});  // all axes at zero: there a person can reach the table, and the payload lies level
     mounted_.reset();
     const Time began = rig_.clock->now();
+    mounting_motion_s_ += seconds(began - left);
     if (rig_.mount) rig_.mount(payload);
     summary_.mount_s += seconds(rig_.clock->now() - began);
     mounted_ = payload;
@@ -448,7 +460,7 @@ class Acquisition {
       reason = e.what();
     }
     try {
-      journal.baseline(positions());
+      baseline(journal);
     } catch (const std::exception&) {  // a dead line, perhaps the very cause: positions are a
                                        // courtesy here
     }
@@ -467,9 +479,21 @@ class Acquisition {
     std::rethrow_exception(cause);
   }
 
-  struct Held {
+  struct Standing {
     double target;
     AxisReadback readback;
+  };
+  /// Counts how long the run was held, however the wait ends.
+  class Held {
+   public:
+    explicit Held(Acquisition& run) : run_(run), began_(run.rig_.clock->now()) {}
+    ~Held() { run_.summary_.held_s += seconds(run_.rig_.clock->now() - began_); }
+    Held(const Held&) = delete;
+    Held& operator=(const Held&) = delete;
+
+   private:
+    Acquisition& run_;
+    Time began_;
   };
 
   Rig& rig_;
@@ -480,13 +504,14 @@ class Acquisition {
 
   AcquireSummary summary_;
   std::optional<Payload> mounted_;
-  std::array<std::optional<Held>, kAllAxes.size()> held_;
+  std::array<std::optional<Standing>, kAllAxes.size()> held_;
   Schedule schedule_;
   Pace pace_;
   TelemetryWatch telemetry_;
   std::size_t done_ = 0;
-  double posing_rig_s_ = 0.0;  ///< rig time that poses have taken so far
-  double began_wall_ = 0.0, first_pose_wall_ = 0.0;
+  double posing_rig_s_ = 0.0, posing_wall_s_ = 0.0;  ///< that poses have taken so far, waits apart
+  double mounting_motion_s_ = 0.0;  ///< rig time of the way to zero before the pose that comes
+  double began_wall_ = 0.0;
 };
 
 }  // namespace

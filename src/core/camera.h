@@ -24,8 +24,8 @@ class Camera {
   virtual ~Camera() = default;
   virtual std::string identity() const = 0;  ///< model, serial, firmware as the device states them
   virtual ImageSize image_size() const = 0;
-  /// Can it answer these exposures, all of them and in this order? Asked before anything moves;
-  /// cameras that expose always can.
+  /// Can it answer these exposures, all of them and in this order? Asked before anything moves, of a
+  /// camera that does not expose.
   /// @throws ConfigError naming the first that it cannot, and how many there are.
   virtual void check(std::span<const Exposure>) const {}
   /// False for one that looks up images taken earlier: a second trigger shows nothing new.

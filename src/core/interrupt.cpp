@@ -47,7 +47,7 @@ void request_pause(bool pause) {
 PauseAtFirstInterrupt::PauseAtFirstInterrupt() { g_pause_at_first = true; }
 PauseAtFirstInterrupt::~PauseAtFirstInterrupt() {
   g_pause_at_first = false;
-  g_pause = false;  // what comes after the poses does not pause
+  request_pause(false);  // what comes after the poses does not pause
 }
 
 void stop_at_first_interrupt() {

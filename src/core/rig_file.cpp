@@ -54,7 +54,7 @@ class Reader {
       if (c.contains("file")) rig.calibration.file = folder_ / c.at("file").get<std::string>();
       if (c.contains("sweep")) rig.calibration.sweep = folder_ / c.at("sweep").get<std::string>();
     }
-    if (json_.contains("telemetry")) rig.telemetry = telemetry();
+    if (json_.contains("telemetry")) rig.telemetry = telemetry(rig);
     rig.inspection = inspection(rig);
     if (json_.contains("simulation")) rig.simulation = simulation(rig);
     const bool drawn =
@@ -505,12 +505,40 @@ class Reader {
     return target;
   }
 
-  TelemetryConfig telemetry() const {
+  /// One talker on a line: answers to two would be mixed. A Modbus gateway keeps its clients apart.
+  void check_lines(const RigFile& rig, const TelemetryConfig& telemetry) const {
+    const auto same = [](const LineConfig& a, const LineConfig& b) {
+      return a.kind == b.kind && a.serial_port == b.serial_port && a.host == b.host &&
+             a.tcp_port == b.tcp_port;
+    };
+    for (const ChannelConfig& channel : telemetry.channels) {
+      if (channel.line.kind == LineConfig::Kind::kSimulated) continue;
+      const std::string at = fmt::format("/telemetry/channels/{}/line", channel.name);
+      for (const ControllerConfig& controller : rig.controllers)
+        if (same(channel.line, controller.line) &&
+            channel.line.kind != LineConfig::Kind::kModbusTcp)
+          fail(at,
+               fmt::format("is the line of controller {} (/controllers/{}/line), allowed: a line "
+                           "of its own, or a Modbus gateway.",
+                           controller.name, controller.name));
+      for (const ChannelConfig& other : telemetry.channels)
+        if (same(channel.line, other.line) &&
+            (channel.source != other.source || channel.line.baud != other.line.baud ||
+             channel.line.parity != other.line.parity ||
+             channel.line.stop_bits != other.line.stop_bits))
+          fail(at, fmt::format("is that of channel {} with another language or set-up, allowed: "
+                               "the same for all channels of a line.",
+                               other.name));
+    }
+  }
+
+  TelemetryConfig telemetry(const RigFile& rig) const {
     const Json& t = json_.at("telemetry");
     TelemetryConfig telemetry;
     telemetry.every_s = t.value("every_s", telemetry.every_s);
     for (const auto& [name, c] : t.at("channels").items())
       telemetry.channels.push_back(channel(name, c));
+    check_lines(rig, telemetry);
     return telemetry;
   }
 
@@ -518,6 +546,9 @@ class Reader {
     using Source = ChannelConfig::Source;
     const std::string at = "/telemetry/channels/" + name;
     ChannelConfig channel;
+    for (const std::string_view taken :
+         {"pose_id", "pose_index", "image_files", "rig_time_s", "trouble", "interruption"})
+      if (name == taken) fail(at, "is a name that the journal needs itself. Choose another.");
     channel.name = name;
     channel.unit = c.at("unit");
     std::vector<std::string> sources;
@@ -540,6 +571,9 @@ class Reader {
         fail(at + "/" + key, "means something only beside \"register\". Remove it.");
     if (channel.source == Source::kFile) channel.path = folder_ / c.at("file").get<std::string>();
     if (wired) channel.line = line(c.at("line"));
+    if (wired && channel.line.kind == LineConfig::Kind::kSimulated)
+      fail(at + "/line",
+           "is simulated; a simulated channel needs none: state \"simulated\" instead.");
     channel.reply_timeout_s = c.value("reply_timeout_ms", 500.0) / 1000.0;
     channel.ask = c.value("ask", "");
     channel.register_at = c.value("register", 0);

@@ -69,7 +69,7 @@ struct TakenImage {
   std::uint64_t frame_id = 0;
   double exposed_s = 0.0;                       ///< start of exposure on the rig's clock
   std::optional<std::vector<TakenSpot>> spots;  ///< LED target only; brightest first
-  int retakes = 0;  ///< exposures before this one that were found bad at once
+  int retakes = 0;  ///< exposures beside this one that were found bad at once
   std::string complaint =
       {};  ///< what is wrong with this one, after the last retake; empty = nothing
 };

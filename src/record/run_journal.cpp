@@ -38,23 +38,26 @@ void RunJournal::begin(Json start) {
 
 void RunJournal::event(const std::string& stream, const Json& data, const Json& data_keys) {
   const double now = unix_time_s();
-  auto [it, fresh] = streams_.try_emplace(stream);
-  if (fresh) {
-    it->second.descriptor = new_uid();
-    journal_.append("descriptor", {{"uid", it->second.descriptor},
+  // Counted once it is written: after a full disk the rest has to fit what is there.
+  auto it = streams_.find(stream);
+  if (it == streams_.end()) {
+    const std::string descriptor = new_uid();
+    journal_.append("descriptor", {{"uid", descriptor},
                                    {"run_start", run_},
                                    {"time", now},
                                    {"name", stream},
                                    {"data_keys", data_keys}});
+    it = streams_.emplace(stream, Stream{descriptor, 0}).first;
   }
   Json timestamps = Json::object();
   for (const auto& [key, value] : data.items()) timestamps[key] = now;
   journal_.append("event", {{"uid", new_uid()},
                             {"descriptor", it->second.descriptor},
-                            {"seq_num", ++it->second.events},
+                            {"seq_num", it->second.events + 1},
                             {"time", now},
                             {"data", data},
                             {"timestamps", timestamps}});
+  ++it->second.events;
 }
 
 void RunJournal::baseline(const std::array<double, kAllAxes.size()>& positions) {

@@ -44,11 +44,18 @@ class Documents {
     if (entry.name == "event") {
       const auto stream = streams_.find(entry.doc.at("descriptor").get<std::string>());
       if (stream == streams_.end()) return "names a descriptor that is not there";
-      if (entry.doc.at("seq_num") != ++stream->second) return "leaves out an event of its stream";
+      if (entry.doc.at("seq_num") != ++stream->second.events)
+        return "leaves out an event of its stream";
       return {};
     }
     if (entry.doc.at("run_start") != run_) return "belongs to another start document";
-    if (entry.name == "descriptor") streams_[entry.doc.at("uid")] = 0;
+    if (entry.name == "descriptor") streams_[entry.doc.at("uid")] = {entry.doc.at("name"), 0};
+    if (entry.name == "stop" && entry.doc.contains("num_events"))
+      for (const auto& [descriptor, stream] : streams_)
+        if (entry.doc.at("num_events").value(stream.name, 0) != stream.events)
+          return fmt::format("counts {} events of stream {}, and {} are there",
+                             entry.doc.at("num_events").value(stream.name, 0), stream.name,
+                             stream.events);
     return {};
   }
 
@@ -56,7 +63,11 @@ class Documents {
   std::string journal_;
   std::map<std::string, SchemaCheck> checks_;
   std::string run_;
-  std::map<std::string, int> streams_;  ///< events by descriptor
+  struct Stream {
+    std::string name;
+    int events = 0;
+  };
+  std::map<std::string, Stream> streams_;  ///< by descriptor
 };
 
 /// A piece of a line around its first difference from another, short enough for a message.

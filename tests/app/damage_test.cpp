@@ -149,9 +149,11 @@ TEST_F(DamagedCopy, ARunSetBesideIsMadeAgainTooAsLongAsItIsThere) {
 }
 
 TEST_F(DamagedCopy, ARunThatWasNotEvaluatedOrHasGoneOnSinceIsNotDamaged) {
-  std::string journal = slurp(run / "journal.jsonl");
-  journal.resize(journal.rfind('\n', journal.size() - 2) + 1);
-  spill(run / "journal.jsonl", journal);
+  edit(run / "evaluation.json", "journal_lines", "\": ", "\": 1");
+  std::string evaluation = slurp(run / "evaluation.json");
+  const auto digits = evaluation.find(": 1", evaluation.find("journal_lines")) + 2;
+  evaluation.erase(digits + 2, evaluation.find_first_not_of("0123456789", digits) - digits - 2);
+  spill(run / "evaluation.json", evaluation);  // evaluated when it had some ten lines
   Outcome sound = verify();
   EXPECT_EQ(sound.code, 0) << sound.output;
   EXPECT_THAT(sound.output, HasSubstr("evaluated when its journal had"));
@@ -180,8 +182,21 @@ TEST_F(DamagedCopy, AJournalCutOffInItsLastLineIsSaidAndVerifiedUpToThere) {
   const std::string journal = slurp(run / "journal.jsonl");
   spill(run / "journal.jsonl", journal.substr(0, journal.size() - 10));
   const Outcome torn = verify();
-  EXPECT_EQ(torn.code, 0) << torn.output;
-  EXPECT_THAT(torn.output, AllOf(HasSubstr("cut off"), HasSubstr("no stop document")));
+  EXPECT_EQ(torn.code, 4) << "it was whole when the run was evaluated";
+  EXPECT_THAT(torn.output, AllOf(HasSubstr("cut off"), HasSubstr("no stop document"),
+                                 HasSubstr("its end is lost")));
+  for (const char* name : {"poses.csv", "evaluation.json", "tables", "calibration.json"})
+    fs::remove_all(run / name);
+  EXPECT_EQ(verify().code, 0) << "what a power cut leaves";
+}
+
+TEST_F(DamagedCopy, AJournalThatLostLinesSinceItWasEvaluatedIsDamaged) {
+  std::string journal = slurp(run / "journal.jsonl");
+  journal.resize(journal.rfind('\n', journal.size() - 2) + 1);
+  spill(run / "journal.jsonl", journal);
+  const Outcome cut = verify();
+  EXPECT_EQ(cut.code, 4) << cut.output;
+  EXPECT_THAT(cut.output, HasSubstr("its end is lost"));
 }
 
 TEST_F(DamagedCopy, ARunWithoutItsJournalIsNotSound) {
@@ -222,7 +237,8 @@ TEST_F(DamagedCopy, ARunGoesOnWithTheCalibrationThatItBeganWith) {
   const fs::path out = folder / "short";
   ASSERT_EQ(turntable_program(short_run(run / "calibration.json", out)).code, 0);
   std::string journal = slurp(out / "journal.jsonl");
-  for (int i = 0; i < 4; ++i) journal.resize(journal.rfind('\n', journal.size() - 2) + 1);
+  // As if it had been killed before its last poses.
+  for (int i = 0; i < 8; ++i) journal.resize(journal.rfind('\n', journal.size() - 2) + 1);
   spill(out / "journal.jsonl", journal);
   edit(out / "calibration.json", "\"source\"", ": \"", ": \"another ");
   const Outcome refused = turntable_program("resume " + out.string());

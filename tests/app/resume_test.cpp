@@ -58,6 +58,45 @@ TEST(Resume, ARunIsPausedLetGoOnStoppedAndResumedFromAnotherTerminal) {
   EXPECT_EQ(turntable_program("stop " + run).code, 2) << "nobody takes it any more";
 }
 
+TEST(Resume, TheFirstCtrlCPausesTheSecondEndsAndWhatWasTakenIsKept) {
+  const TemporaryFolder folder;
+  const std::string run = (folder / "run").string();
+  BackgroundProgram campaign(run_of("scenarios/campaigns/lens.json") + run, folder / "log");
+  ASSERT_GE(lines(run, 30), 30u);
+  campaign.signal(SIGINT);
+  ASSERT_TRUE(campaign.prints("paused after"));
+  EXPECT_THAT(campaign.output(), HasSubstr("turntable resume " + run));
+  EXPECT_EQ(turntable_program("resume " + run).code, 0);
+  const std::size_t standing = lines(run);
+  EXPECT_GE(lines(run, standing + 20), standing + 20);
+  campaign.signal(SIGINT);  // a first one again
+  std::this_thread::sleep_for(std::chrono::milliseconds{300});
+  campaign.signal(SIGINT);
+  EXPECT_EQ(campaign.ended(), 130);
+  const RunRecord record = read_run(RunFolder::open(run));
+  EXPECT_EQ(record.exit_status, "abort");
+  EXPECT_FALSE(record.complete());
+  EXPECT_EQ(turntable_program("verify " + run).code, 0);
+}
+
+TEST(Resume, DevicesAreAskedWithoutMovingAnything) {
+  const TemporaryFolder folder;
+  const std::string quick = (kProject / "scenarios/campaigns/quick.json").string() + " --rig " +
+                            (kProject / "scenarios/rigs/ideal.json").string();
+  const Outcome asked = turntable_program("run " + quick + " --dry-run --ask-devices --wire-log " +
+                                          (folder / "wire").string());
+  EXPECT_EQ(asked.code, 0) << asked.output;
+  EXPECT_THAT(asked.output, HasSubstr("a test exposure came after"));
+  EXPECT_THAT(asked.output, HasSubstr("Nothing has moved"));
+  const std::string wire = slurp(folder / "wire");
+  EXPECT_THAT(wire, HasSubstr("> SetSpeed? X"));
+  for (const char* motion : {"> Go", "> Stop"})
+    EXPECT_THAT(wire, ::testing::Not(HasSubstr(motion)));
+  const Outcome plan = turntable_program("plan " + quick + " --ask-devices");
+  EXPECT_EQ(plan.code, 0) << plan.output;
+  EXPECT_THAT(plan.output, HasSubstr("a test exposure came after"));
+}
+
 TEST(Resume, WhatHasChangedSinceTheStartIsNamedAndRefusedUnlessAccepted) {
   const TemporaryFolder folder;
   std::filesystem::create_directories(folder / "a/b");

@@ -212,6 +212,7 @@ class OneCore {
 void camera(benchmark::State& state, int megapixels, ArchiveMode mode, bool one_core) {
   const Image& image = frame(Scene::kLeds, megapixels);
   RigFile rig_file = shipped_rig("simulated");
+  rig_file.telemetry = {};
   rig_file.camera.image_size = image.size();
   const Plan plan = plan_of(rig_file);
   const OneCore pinned(one_core);

@@ -55,6 +55,7 @@ void campaign_time(benchmark::State& state, const std::string& rig_name, PoseOrd
   const std::filesystem::path source(TURNTABLE_SOURCE_DIR);
   RigFile file = load_rig_file(source / "scenarios/rigs" / (rig_name + ".json"));
   file.camera.image_size = {64, 48};
+  file.telemetry = {};
   file.inspection.retakes = 0;
   Campaign campaign = load_campaign(source / "scenarios/campaigns/paper_2019.json");
   for (Scenario& scenario : campaign.scenarios) {
@@ -69,6 +70,7 @@ void campaign_time(benchmark::State& state, const std::string& rig_name, PoseOrd
   bound += kFakeExposure_s * static_cast<double>(images);
 
   for (auto _ : state) {
+    bool overheads_known = false;
     Overheads overheads;  // a rig that was never seen, and the same one the next night
     for (const char* night : {"eta_off_percent", "eta_off_learned_percent"}) {
       BenchRig rig(file);
@@ -91,7 +93,15 @@ void campaign_time(benchmark::State& state, const std::string& rig_name, PoseOrd
       state.counters["poses"] = static_cast<double>(done.poses);
       state.counters["rig_hours"] = taken / 3600.0;
       state.counters["time_to_bound"] = taken / bound;
-      state.counters[night] = 100.0 * (promised - left) / left;
+      const double off = 100.0 * (promised - left) / left;
+      state.counters[night] = off;
+      // The simulated rig is held to 5 % of both; the ZC300 misses a request after each motion, which
+      // costs a reply timeout and is not known before it was seen.
+      const bool usual = rig_name == "simulated";
+      if (taken > (usual ? 1.05 : 1.8) * bound) return state.SkipWithError("far above its bound");
+      if (std::abs(off) > (usual || overheads_known ? 5.0 : 20.0))
+        return state.SkipWithError("the estimate is off");
+      overheads_known = true;
     }
   }
 }

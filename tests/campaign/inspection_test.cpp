@@ -7,6 +7,7 @@
 #include "src/campaign/planning.h"
 #include "src/campaign/runner.h"
 #include "src/core/errors.h"
+#include "src/core/interrupt.h"
 #include "tests/support/fake_rig.h"
 #include "tests/support/simulated_view.h"
 #include "tests/support/temporary_folder.h"
@@ -74,6 +75,7 @@ TEST_F(InspectionTest, HasNothingToSayAboutGoodImages) {
     const PlannedPose pose = pose_at(stage, 0, 0, 0, Payload::kCirclePattern);
     const Inspection seen = inspect(view.look(pose.payload), pose, rig);
     EXPECT_EQ(seen.complaint, "");
+    EXPECT_TRUE(seen.target_seen);
     EXPECT_FALSE(seen.spots);
   }
 }
@@ -115,7 +117,9 @@ TEST_F(InspectionTest, SeesThatTheTargetStandsElsewhere) {
 
 TEST_F(InspectionTest, SeesThatThePatternIsNotThereOrThatItStillIs) {
   const PlannedPose plane = pose_at(150, 0, 0, 0, Payload::kCirclePattern);
-  EXPECT_THAT(inspect(view.look(Payload::kLedTarget), plane, rig).complaint, HasSubstr("pattern"));
+  const Inspection none = inspect(view.look(Payload::kLedTarget), plane, rig);
+  EXPECT_THAT(none.complaint, HasSubstr("pattern"));
+  EXPECT_FALSE(none.target_seen) << "so that a blurred pattern is not given up for it";
   const PlannedPose pose = pose_at(150, 0, 0, 0);
   EXPECT_NE(inspect(view.look(Payload::kCirclePattern), pose, rig).complaint, "");
   EXPECT_THAT(inspect(Image({1024, 1024}, 0), pose, rig).complaint, HasSubstr("0 spots"));
@@ -125,6 +129,7 @@ TEST_F(InspectionTest, SeesThatThePatternIsNotThereOrThatItStillIs) {
 class RetakeTest : public InspectionTest {
  protected:
   RetakeTest() : good(pose_image()), fake(good), bad(Image(good.size(), 12)) {
+    rig.telemetry = {};
     Campaign campaign;
     campaign.name = campaign.title = "retakes";
     campaign.scenarios = {parse_scenario(
@@ -220,6 +225,31 @@ TEST_F(RetakeTest, WaitsWhileAChannelIsOutsideItsBand) {
   });
   EXPECT_THAT(waits, ::testing::ElementsAre("suspend", "resume"));
   EXPECT_GE(readings, 60);
+}
+
+TEST_F(RetakeTest, ReadsItsChannelsAgainAfterAPauseBeforeAPoseIsTaken) {
+  ChannelConfig room;
+  room.name = "room";
+  room.unit = "degC";
+  room.hold = {18.0, 24.0, 18.0, 24.0, 0.0, 0.0};
+  rig.telemetry.channels = {room};
+  rig.telemetry.every_s = 10.0;
+  double degc = 21.0;
+  fake.rig.channels = {{"room", [&] { return degc; }}};
+  fake.camera.on_trigger = [&] {
+    if (fake.camera.triggers == 1) request_pause(true);
+    EXPECT_LT(degc, 24.0) << "no pose is taken outside the band";
+  };
+  int pauses = 0;
+  acquire(fake.rig, rig, plan, *folder, {{"version", "test"}}, {}, [&](const Progress& p) {
+    if (p.phase == "suspended") degc = 21.0;
+    if (p.phase != "paused" || ++pauses != 3) return;
+    fake.clock.sleep_for(std::chrono::hours{1});
+    degc = 30.0;
+    request_pause(false);
+  });
+  EXPECT_EQ(pauses, 3);
+  EXPECT_EQ(degc, 21.0) << "it was suspended";
 }
 
 TEST_F(RetakeTest, GivesUpWaitingIfItIsToldTo) {

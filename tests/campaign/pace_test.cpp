@@ -48,7 +48,7 @@ TEST_F(PaceTest, LearnsWhatEachAxisAddsToItsMoves) {
   double left = 0.0;
   for (const std::size_t pose : todo) left += motion_of(pose, leg_s) + 2 * image_s;
   for (const std::size_t pose : todo) {
-    pace.taken(pose, motion_of(pose, leg_s) + 2 * image_s, 2 * image_s);
+    pace.taken(motion_of(pose, leg_s) + 2 * image_s, 2 * image_s);
     left -= motion_of(pose, leg_s) + 2 * image_s;
     if (pose == 20) {
       EXPECT_NEAR(pace.left_s() / left, 1.0, 0.05);

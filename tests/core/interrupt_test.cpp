@@ -72,6 +72,39 @@ TEST_F(Interrupt, a_shield_lets_this_thread_talk_to_the_devices_on_the_way_out) 
   EXPECT_THROW(throw_if_stopping_now(), Interrupted);
 }
 
+TEST_F(Interrupt, while_poses_are_taken_the_first_ctrl_c_pauses_and_the_second_stops) {
+  install_interrupt_handlers();
+  {
+    const PauseAtFirstInterrupt poses;
+    std::raise(SIGINT);
+    EXPECT_TRUE(pause_requested());
+    EXPECT_EQ(interrupt_level(), 0);
+    request_pause(false);  // it goes on
+    std::raise(SIGINT);
+    EXPECT_TRUE(pause_requested()) << "a first one again";
+    EXPECT_EQ(interrupt_level(), 0);
+    std::raise(SIGINT);
+    EXPECT_EQ(interrupt_level(), 2);
+  }
+  EXPECT_FALSE(pause_requested());
+}
+
+TEST_F(Interrupt, a_ctrl_c_in_a_pause_that_another_program_asked_for_stops) {
+  install_interrupt_handlers();
+  const PauseAtFirstInterrupt poses;
+  request_pause(true);
+  std::raise(SIGINT);
+  EXPECT_EQ(interrupt_level(), 2);
+}
+
+TEST_F(Interrupt, after_the_poses_the_first_ctrl_c_ends_again) {
+  install_interrupt_handlers();
+  { const PauseAtFirstInterrupt poses; }
+  std::raise(SIGINT);
+  EXPECT_FALSE(pause_requested());
+  EXPECT_EQ(interrupt_level(), 1);
+}
+
 using InterruptDeathTest = Interrupt;
 
 TEST_F(InterruptDeathTest, a_third_ctrl_c_ends_the_program) {

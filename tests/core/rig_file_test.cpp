@@ -130,6 +130,88 @@ RigFile with_camera(const std::string& more) {
   return parse_rig_file(text, "rig.json", kRigs);
 }
 
+/// The ideal rig with one more section.
+RigFile rig_with(const std::string& section) {
+  std::string text = text_of("ideal.json");
+  const std::string before = "\"simulation\": {";
+  text.insert(text.find(before), section + ", ");
+  return parse_rig_file(text, "rig.json", kRigs);
+}
+
+TEST(RigFile, TakesChannelsOfTelemetryWithTheirBands) {
+  const RigFile rig = rig_with(R"("telemetry": {"every_s": 5, "channels": {
+      "room": {"unit": "degC", "file": "temp", "scale": 0.001,
+               "hold": {"outside": [19, 23], "resume_inside": [20, 22], "for_s": 60, "give_up_s": 900}},
+      "granite": {"unit": "degC", "ask": "T?", "line": {"tcp": {"host": "here", "port": 7777}}},
+      "air": {"unit": "hPa", "register": 3, "slave": 4, "signed": true, "holding": true,
+              "line": {"serial": {"port": "/dev/ttyUSB3"}}}}})");
+  ASSERT_EQ(rig.telemetry.channels.size(), 3u);
+  EXPECT_EQ(rig.telemetry.every_s, 5.0);
+  for (const ChannelConfig& channel : rig.telemetry.channels) {
+    if (channel.name == "room") {
+      EXPECT_EQ(channel.path, kRigs / "temp");
+      ASSERT_TRUE(channel.hold);
+      EXPECT_EQ(channel.hold->resume_upper, 22.0);
+      EXPECT_EQ(channel.hold->give_up_s, 900.0);
+    }
+    if (channel.name == "granite") {
+      EXPECT_EQ(channel.source, ChannelConfig::Source::kAsk);
+    }
+    if (channel.name == "air") {
+      EXPECT_EQ(channel.source, ChannelConfig::Source::kRegister);
+      EXPECT_TRUE(channel.holding && channel.is_signed);
+    }
+  }
+  EXPECT_EQ(rig_with(R"("inspection": {"retakes": 5})").inspection.retakes, 5);
+}
+
+TEST(RigFile, RefusesTelemetryThatMakesNoSense) {
+  const auto refused = [](const std::string& channel) {
+    try {
+      rig_with(R"("telemetry": {"channels": {"room": {"unit": "degC", )" + channel + "}}}");
+    } catch (const ConfigError& e) {
+      return e.pointer();
+    }
+    return std::string("taken");
+  };
+  const std::string at = "/telemetry/channels/room";
+  EXPECT_EQ(refused(R"("scale": 2)"), at);
+  EXPECT_EQ(refused(R"("file": "a", "ask": "T?")"), at);
+  EXPECT_EQ(refused(R"("ask": "T?")"), at);
+  EXPECT_EQ(refused(R"("file": "a", "line": {"tcp": {"host": "b", "port": 1}})"), at);
+  EXPECT_EQ(refused(R"("file": "a", "slave": 2)"), at + "/slave");
+  EXPECT_EQ(refused(R"("file": "a", "hold": {"outside": [3, 2]})"), at + "/hold/outside");
+  EXPECT_EQ(refused(R"("file": "a", "hold": {"outside": [2, 3], "resume_inside": [1, 2.5]})"),
+            at + "/hold/resume_inside");
+  EXPECT_EQ(refused(R"("file": "a", "hold": {"outside": [2, 3], "resume_inside": [2.5, 2.5]})"),
+            at + "/hold/resume_inside");
+  EXPECT_EQ(refused(R"("ask": "T?", "line": {"simulated": {}})"), at + "/line");
+  EXPECT_EQ(refused(R"("file": "a"}, "pose_id": {"unit": "1", "file": "b")"),
+            "/telemetry/channels/pose_id");
+  const std::string port = R"("line": {"serial": {"port": "/dev/ttyUSB9"}})";
+  EXPECT_EQ(
+      refused(R"("ask": "T?", )" + port + R"(}, "water": {"unit": "degC", "register": 1, )" + port),
+      at + "/line");
+}
+
+TEST(RigFile, RefusesTelemetryOnAControllersLine) {
+  std::string text = text_of("lab_example.json");
+  const std::string before = "\"calibration\":";
+  const auto serial = text.find("\"serial\"");
+  const std::string line = text.substr(serial, text.find('}', serial) - serial + 1);
+  ASSERT_NE(text.find(before), std::string::npos);
+  text.insert(text.find(before),
+              R"("telemetry": {"channels": {"room": {"unit": "degC", "ask": "T?", )"
+              R"("line": {)" +
+                  line + "}}}}, ");
+  try {
+    parse_rig_file(text, "rig.json", kRigs);
+    ADD_FAILURE() << "taken";
+  } catch (const ConfigError& e) {
+    EXPECT_EQ(e.pointer(), "/telemetry/channels/room/line");
+  }
+}
+
 TEST(RigFile, TakesAVideoFileFromBesideItselfAndADeviceAsItIs) {
   const auto device = [](const std::string& name) {
     return with_camera(R"("model": "usb", "device": ")" + name + "\"").camera.device;

@@ -24,7 +24,6 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::Not;
 
-constexpr int kForEver = -1;
 constexpr double kPulse_deg = 0.00125, kPulse_mm = 0.0025;
 
 struct Law {

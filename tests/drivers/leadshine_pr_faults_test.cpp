@@ -18,7 +18,6 @@ using ::testing::AnyOf;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-constexpr int kForEver = -1;
 constexpr const char* kRun = "0x6002=0x10";
 /// Slave 17, which is nobody of ours, answers a read with one register; its checksum is right.
 const std::string kForeignFrame("\x11\x03\x02\x12\x34\x74\xf0", 7);

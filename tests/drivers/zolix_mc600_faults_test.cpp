@@ -17,8 +17,6 @@ using sim::FaultKind;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
-constexpr int kForEver = -1;
-
 class Faults : public ::testing::Test, protected SimulatedMc600 {
  protected:
   Faults() { ready(); }

@@ -16,8 +16,6 @@ using sim::FaultKind;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
-constexpr int kForEver = -1;
-
 class Sc300Faults : public ::testing::TestWithParam<bool>, protected SimulatedSc300 {
  protected:
   Sc300Faults() : SimulatedSc300(GetParam()) { ready(); }

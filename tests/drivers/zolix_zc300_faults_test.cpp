@@ -19,8 +19,6 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::SizeIs;
 
-constexpr int kForEver = -1;
-
 class Zc300Faults : public ::testing::Test, protected SimulatedZc300 {
  protected:
   Zc300Faults() { ready(); }

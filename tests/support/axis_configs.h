@@ -7,6 +7,8 @@
 
 namespace turntable {
 
+constexpr int kForEver = -1;  ///< times of a fault
+
 /// 0.00125 deg per pulse, [-30, 30] deg, 25 deg/s, overshoot 0.5 deg.
 inline AxisConfig rotary_axis(AxisId id, const std::string& channel) {
   AxisConfig axis;

@@ -86,6 +86,7 @@ class FakeCamera final : public Camera {
   void check(std::span<const Exposure> exposures) const override {
     if (on_check) on_check(exposures);
   }
+  bool exposes() const override { return exposing; }
   void announce(const Exposure& exposure) override { announced.push_back(exposure); }
   Frame trigger() override {
     ++triggers;
@@ -105,6 +106,7 @@ class FakeCamera final : public Camera {
     return {image_, 0, clock_.now()};
   }
 
+  bool exposing = true;
   int triggers = 0;
   int try_outs = 0;
   int timeouts = 0;  ///< so many triggers from now on stay unanswered

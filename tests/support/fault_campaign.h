@@ -101,6 +101,7 @@ class FaultCampaign {
     rig_file_ = load_rig_file(std::filesystem::path(TURNTABLE_SOURCE_DIR) /
                               "scenarios/rigs/simulated.json");
     rig_file_.camera.image_size = {64, 48};
+    rig_file_.telemetry = {};
     rig_file_.inspection.retakes = 0;  // the images are dark
     const auto axes = four_axes();
     for (const AxisConfig& axis : axes) rig_file_.axes[axis.id] = axis;
