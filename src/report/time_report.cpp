@@ -85,7 +85,7 @@ std::pair<double, const char*> unit_for(double longest_s) {
 }
 
 /// Text of devices and people in one cell of a table.
-std::string cell(const std::string& text) {
+std::string in_cell(const std::string& text) {
   std::string out;
   for (const char c : text) {
     if (c == '|') out += '\\';
@@ -138,7 +138,7 @@ void dead_time_figure(const std::filesystem::path& folder, const RunRecord& reco
     add(bars[pose.planned.scenario].times, pose.phases);
   }
   if (!record.overlaps.empty()) {
-    Bar& again = bars.emplace_back(Bar{"taken again"});
+    Bar& again = bars.emplace_back(Bar{"overlap"});
     for (const TakenPose& pose : record.overlaps) {
       ++again.poses;
       add(again.times, pose.phases);
@@ -172,13 +172,13 @@ void dead_time_figure(const std::filesystem::path& folder, const RunRecord& reco
   draft.figure.name = "dead_time";
   draft.figure.caption =
       "Time on the rig's clock by phase: the poses of each scenario, with the time per pose at the "
-      "end of its bar, and what belongs to none of them (homing, payloads, waits, and poses that "
-      "did not count).";
+      "end of its bar; \"overlap\", poses taken again after a break; and what belongs to none of "
+      "them (homing, payloads, waits, poses that do not count).";
   draft.size = fmt::format("1000,{}", 150 + 42 * bars.size());
   draft.commands = fmt::format(
       "set xlabel 'time / {}'\nset xrange [0:{:.6g}]\nset yrange [{}.6:-0.6]\n"
       "set key outside top center horizontal width 1\nset ytics scale 0\nset grid x noy\n"
-      "set style fill solid noborder\nset tmargin 4\nfrom = 0\n",
+      "set style fill solid noborder\nset tmargin 4\n",
       unit, 1.28 * longest_s / unit_s, bars.size() - 1);
   std::string tics, plots, labels, before = "0";
   for (std::size_t i = 0; i < bars.size(); ++i) {
@@ -284,14 +284,12 @@ std::string channel_plot(const ChannelStatistics& c, const ChannelConfig::Hold* 
   const std::string readable = fmt::format("strlen(strcol({})) > 0", column);
   return fmt::format("set yrange [{:.9g}:{:.9g}]\nplot {}", lower - room, upper + room, limits) +
          fmt::format(
-             "for [s=1:{}] 'DATA' every ::1 using ($1 == s ? {} : 1/0):({} ? real(strcol({})) : "
-             "1/0) with "
-             "{} lc rgb '{}', ",
+             "for [s=1:{}] 'DATA' every ::1 using ($1 == s ? {} : 1/0):"
+             "({} ? real(strcol({})) : 1/0) with {} lc rgb '{}', ",
              sessions, x, readable, column, look, kColours[0]) +
          fmt::format(
-             "'DATA' every ::1 using ({}):({} ? 1/0 : {:.9g}) with points pt 2 ps 0.9 lw 1.5 lc "
-             "rgb "
-             "'{}'\n",
+             "'DATA' every ::1 using ({}):({} ? 1/0 : {:.9g}) "
+             "with points pt 2 ps 0.9 lw 1.5 lc rgb '{}'\n",
              x, readable, lower - 0.5 * room, kColours[1]);
 }
 
@@ -384,83 +382,90 @@ void telemetry_figure(const std::filesystem::path& folder, const RunRecord& reco
   drafts.push_back(std::move(draft));
 }
 
-}  // namespace
-
-std::string time_text(const RunRecord& record) {
-  const Times all = sum_of_sessions(record);
-  const double whole = total_s(all);
-  if (!(whole > 0.0)) return {};
-
+/// "Of 31 min 29 s on the rig's clock 46.3 % were motion ..."
+std::string motion_and_rest(const Times& times) {
   std::vector<std::pair<double, const char*>> rest;
   for (const Phase& phase : kPhases)
-    if (std::string_view(phase.key) != kMotion && at(all, phase.key) > 0.0)
-      rest.emplace_back(at(all, phase.key), phase.title);
+    if (std::string_view(phase.key) != kMotion && at(times, phase.key) > 0.0)
+      rest.emplace_back(at(times, phase.key), phase.title);
   std::ranges::stable_sort(rest, std::greater{}, &std::pair<double, const char*>::first);
-  const double motion = at(all, kMotion);
-  std::string md =
-      fmt::format("## Time\n\nOf {} on the rig's clock {:.1f} % were motion and {:.1f} % were not",
-                  time_in_words(whole), percent(motion, whole), percent(whole - motion, whole));
+  const double whole = total_s(times), motion = percent(at(times, kMotion), whole);
+  std::string text =
+      fmt::format("Of {} on the rig's clock {:.1f} % were motion and {:.1f} % were not",
+                  time_in_words(whole), motion, 100.0 - motion);
   for (std::size_t i = 0; i < std::min<std::size_t>(rest.size(), 2); ++i)
-    md += fmt::format("{}{} {:.1f} %", i == 0 ? ", most of that: " : ", ", rest[i].second,
-                      percent(rest[i].first, whole));
-  md += ".\n\n";
+    text += fmt::format("{}{} {:.1f} %", i == 0 ? ", most of that: " : ", ", rest[i].second,
+                        percent(rest[i].first, whole));
+  return text + ".";
+}
 
-  struct Column {
-    std::string title;
-    Times times;
-    bool whole = true;
-  };
-  std::vector<Column> columns;
-  if (record.sessions.size() > 1)
-    for (std::size_t s = 0; s < record.sessions.size(); ++s)
-      columns.push_back({fmt::format("session {} / s", s + 1), times_of(record.sessions[s]),
-                         record.sessions[s].whole_time});
-  columns.push_back({columns.empty() ? "s" : "all / s", all});
-  md += "| on the rig's clock |";
-  std::string rule = "|---|";
+struct Column {
+  std::string title;
+  Times times;
+  bool whole = true;  ///< a phase that is not there took no time; else nobody knows
+};
+
+/// Dead-time table: s and share of each phase.
+std::string rig_time_table(const std::vector<Column>& columns) {
+  std::string md = "| on the rig's clock |", rule = "|---|";
   for (const Column& c : columns) {
     md += fmt::format(" {} | % |", c.title);
     rule += "--:|--:|";
   }
   md += "\n" + rule + "\n";
-  const auto row = [&](const std::string& title, const auto& seconds) {
-    md += fmt::format("| {} |", title);
+  for (const Phase& phase : kPhases) {
+    md += fmt::format("| {} |", phase.title);
     for (const Column& c : columns) {
-      const std::optional<double> s = seconds(c);
-      md += s ? fmt::format(" {} | {} |", fixed(*s, 1), fixed(percent(*s, total_s(c.times)), 1))
-              : " - | - |";
+      const double s = at(c.times, phase.key);
+      md += c.whole || c.times.contains(phase.key)
+                ? fmt::format(" {} | {} |", fixed(s, 1), fixed(percent(s, total_s(c.times)), 1))
+                : " - | - |";
     }
     md += "\n";
-  };
-  for (const Phase& phase : kPhases)
-    row(phase.title, [&](const Column& c) {
-      return c.whole || c.times.contains(phase.key) ? std::optional(at(c.times, phase.key))
-                                                    : std::nullopt;
-    });
-  row("in all", [](const Column& c) { return std::optional(total_s(c.times)); });
-
-  if (all.contains("wall_s")) {
-    md += "\n| by the wall |";
-    rule = "|---|";
-    for (const Column& c : columns) {
-      md += fmt::format(" {} |", c.title);
-      rule += "--:|";
-    }
-    md += "\n" + rule + "\n";
-    for (const auto& [key, title] : kByTheWall) {
-      md += fmt::format("| {} |", title);
-      for (const Column& c : columns)
-        md += c.times.contains(key) ? fmt::format(" {} |", fixed(at(c.times, key), 1)) : " - |";
-      md += "\n";
-    }
-    md +=
-        "\n\"Other\" is what no phase names: talking to the devices between poses and, where the "
-        "rig's clock is the wall's, looking at images and waiting for the archive. Times by the "
-        "wall are the computer's, and differ from run to run.\n";
   }
+  md += "| in all |";
+  for (const Column& c : columns) md += fmt::format(" {} | |", fixed(total_s(c.times), 1));
+  return md + "\n";
+}
+
+std::string wall_time_table(const std::vector<Column>& columns) {
+  std::string md = "| by the wall |", rule = "|---|";
+  for (const Column& c : columns) {
+    md += fmt::format(" {} |", c.title);
+    rule += "--:|";
+  }
+  md += "\n" + rule + "\n";
+  for (const auto& [key, title] : kByTheWall) {
+    md += fmt::format("| {} |", title);
+    for (const Column& c : columns)
+      md += c.times.contains(key) ? fmt::format(" {} |", fixed(at(c.times, key), 1)) : " - |";
+    md += "\n";
+  }
+  return md;
+}
+
+}  // namespace
+
+std::string time_text(const RunRecord& record) {
+  const Times all = sum_of_sessions(record);
+  if (!(total_s(all) > 0.0)) return {};
+  std::vector<Column> columns;
   std::set<std::size_t> silent;
-  for (std::size_t s = 0; s < record.sessions.size(); ++s)
+  for (std::size_t s = 0; s < record.sessions.size(); ++s) {
+    columns.push_back({fmt::format("session {} / s", s + 1), times_of(record.sessions[s]),
+                       record.sessions[s].whole_time});
     if (!record.sessions[s].whole_time) silent.insert(s + 1);
+  }
+  if (columns.size() == 1)
+    columns[0].title = "s";
+  else
+    columns.push_back({"all / s", all});
+  std::string md = "## Time\n\n" + motion_and_rest(all) + "\n\n" + rig_time_table(columns);
+  if (all.contains("wall_s"))
+    md += "\n" + wall_time_table(columns) +
+          "\n\"Other\" is what no phase names: talking to the devices between poses and, where the "
+          "rig's clock is the wall's, looking at images and waiting for the archive. Times by the "
+          "wall are the computer's, and differ from run to run.\n";
   if (!silent.empty())
     md += fmt::format(
         "\nOf session {} only the phases of its poses are known: it was killed before it could "
@@ -500,9 +505,8 @@ std::string images_text(const RunRecord& record) {
                     images, retakes);
   if (complaints.empty()) return md + "Every pose is kept with good images.\n\n";
   md += fmt::format(
-      "{} of {} poses are kept with a complaint about an image. A complaint measures by the rig "
-      "file's nominal camera and excludes nothing: the tables above say what such poses are "
-      "worth.\n\n"
+      "{} of {} poses are kept with a complaint about an image. Complaints go by the rig file's "
+      "nominal camera and exclude nothing from the tables.\n\n"
       "| images | of poses | scenario | complaint (of the first) |\n|--:|---|---|---|\n",
       poses, record.poses.size());
   std::vector<std::pair<std::size_t, const Complaint*>> rows;
@@ -513,7 +517,7 @@ std::string images_text(const RunRecord& record) {
   for (std::size_t i = 0; i < std::min(rows.size(), kRows); ++i) {
     const Complaint& c = *rows[i].second;
     md += fmt::format("| {} | {} | {} | {} |\n", c.images, first_of(c.poses),
-                      record.plan.scenarios[rows[i].first].name, cell(c.text));
+                      record.plan.scenarios[rows[i].first].name, in_cell(c.text));
   }
   if (rows.size() > kRows)
     md += fmt::format("\n{} more kinds of complaints are in the journal.\n", rows.size() - kRows);
@@ -528,7 +532,7 @@ std::string telemetry_text(const RunRecord& record) {
       "| channel | unit | mean | min | max | readings | unreadable |\n"
       "|---|---|--:|--:|--:|--:|--:|\n";
   for (const auto& [name, c] : channels) {
-    md += fmt::format("| {} | {} |", name, cell(c.unit));
+    md += fmt::format("| {} | {} |", name, in_cell(c.unit));
     if (c.read > 0)
       md += fmt::format(" {:.6g} | {:.6g} | {:.6g} |", c.sum / static_cast<double>(c.read), c.lower,
                         c.upper);
@@ -540,7 +544,7 @@ std::string telemetry_text(const RunRecord& record) {
     for (const TelemetryReading& reading : session.readings)
       if (!reading.trouble.empty())
         return md +
-               fmt::format("\nThe first that could not be read: {}\n\n", cell(reading.trouble));
+               fmt::format("\nThe first that could not be read: {}\n\n", in_cell(reading.trouble));
   return md + "\n";
 }
 
@@ -551,8 +555,9 @@ std::string interruptions_text(const RunRecord& record) {
   for (std::size_t s = 0; s < record.sessions.size(); ++s)
     for (const Interruption& i : record.sessions[s].interruptions)
       if (++count <= kRows)
-        rows += fmt::format("| {} | {} | {} | {} | {} |\n", s + 1, i.utc,
-                            i.rig_time_s ? fixed(*i.rig_time_s, 1) : "-", i.what, cell(i.reason));
+        rows +=
+            fmt::format("| {} | {} | {} | {} | {} |\n", s + 1, i.utc,
+                        i.rig_time_s ? fixed(*i.rig_time_s, 1) : "-", i.what, in_cell(i.reason));
   if (count == 0) return {};
   std::string md =
       "What made the run wait, and what let it go on. Rig time is that of the last pose or reading "

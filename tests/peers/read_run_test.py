@@ -47,7 +47,9 @@ def check_whole(run):
     assert "room" in run.interruptions[0]["reason"]
     (time,) = run.time
     assert time["held_s"] > 60 and time["rig_s"] > time["motion_s"] + time["held_s"]
-    assert abs(time["motion_s"] - sum(pose["motion_s"] for pose in run.poses)) < 1e-6
+    # The way to zero, where a payload is changed, belongs to no pose.
+    beside = time["motion_s"] - sum(pose["motion_s"] for pose in run.poses)
+    assert -1e-6 < beside < 0.5 * time["motion_s"]
 
 
 def check_csv(folder, rows, of):
