@@ -546,8 +546,8 @@ class Reader {
     using Source = ChannelConfig::Source;
     const std::string at = "/telemetry/channels/" + name;
     ChannelConfig channel;
-    for (const std::string_view taken :
-         {"pose_id", "pose_index", "image_files", "rig_time_s", "trouble", "interruption"})
+    for (const std::string_view taken : {"pose_id", "pose_index", "image_files", "rig_time_s",
+                                         "trouble", "interruption", "session", "unix_time_s"})
       if (name == taken) fail(at, "is a name that the journal needs itself. Choose another.");
     channel.name = name;
     channel.unit = c.at("unit");
