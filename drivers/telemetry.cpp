@@ -2,8 +2,10 @@
 
 #include <fmt/format.h>
 
+#include <cerrno>
 #include <charconv>
 #include <cmath>
+#include <cstring>
 #include <fstream>
 #include <map>
 #include <memory>
@@ -121,10 +123,16 @@ class Registers {
 };
 
 std::string text_of(const std::filesystem::path& file) {
+  errno = 0;
   std::ifstream in(file);
   std::string text(kLongestAnswer, '\0');
   in.read(text.data(), static_cast<std::streamsize>(text.size()));
-  if (in.gcount() == 0) throw DeviceError(fmt::format("{}: cannot be read", file.string()));
+  if (in.gcount() == 0) {
+    const int error = std::filesystem::exists(file) ? errno : ENOENT;
+    throw DeviceError(
+        fmt::format("{}: cannot be read ({}). Correct the file's name in the rig file",
+                    file.string(), error != 0 ? std::strerror(error) : "it is empty"));
+  }
   text.resize(static_cast<std::size_t>(in.gcount()));
   return text;
 }

@@ -137,10 +137,14 @@ def main():
     if arguments.csv:
         flat = [{key: value for key, value in row.items() if not isinstance(value, list)}
                 for row in getattr(run, arguments.of)]
-        with open(arguments.csv, "w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, fieldnames=list(dict.fromkeys(key for row in flat for key in row)))
-            writer.writeheader()
-            writer.writerows(flat)
+        try:
+            with open(arguments.csv, "w", newline="", encoding="utf-8") as file:
+                writer = csv.DictWriter(file, fieldnames=list(dict.fromkeys(key for row in flat for key in row)))
+                writer.writeheader()
+                writer.writerows(flat)
+        except OSError as error:
+            print(f"read_run: {error}", file=sys.stderr)
+            return 2
     return 0
 
 

@@ -170,6 +170,8 @@ void print_check(const DeviceCheck& check, const RigFile& rig) {
                value ? fmt::format("{:.6g} {}", *value, channel.unit) : "cannot be read");
   }
   if (!check.telemetry->trouble.empty()) spdlog::warn("telemetry: {}", check.telemetry->trouble);
+  if (!check.outside.empty())
+    spdlog::warn("{}: no pose would be taken before it is back", check.outside);
 }
 
 /// Tells a person why nothing moves, once each time, and lets Enter end a pause.
@@ -183,6 +185,8 @@ class Waiting {
           "paused after {} of {} poses. {}\"turntable resume {}\" goes on; Ctrl-C ends it.", p.done,
           p.total, terminal() ? "Enter or " : "", root_.string());
     if (p.phase != said_ && p.phase == "suspended") spdlog::warn("suspended: {}", p.reason);
+    if (p.phase != said_ && (said_ == "suspended" || said_ == "paused") && p.phase == "moving")
+      spdlog::info("goes on");
     if (p.phase != said_ && paused && terminal()) ::tcflush(STDIN_FILENO, TCIFLUSH);
     said_ = p.phase;
     if (paused && terminal() && entered()) request_pause(false);
@@ -257,6 +261,7 @@ AcquireSummary take_poses(const Taking& taking, std::optional<RunFolder>& folder
   // The devices are asked before anything is written or moves.
   std::fflush(stdout);
   const RigLock lock(taking.rig, taking.command, taking.root);
+  if (before == nullptr) RunFolder::require_new(taking.root);
   request_pause(false);
   Rig rig = open_rig(taking.rig, {a.configure, a.assume_mounted, a.wire_log, a.speed});
   fmt::print("devices:\n");
@@ -320,8 +325,8 @@ int take_and_finish(const Taking& taking, const EvaluateOptions& options,
                summary.failed);
   if (summary.retakes + summary.trigger_retries + summary.doubtful > 0)
     fmt::print(
-        "{} images were bad and taken again, {} triggers were repeated, {} other poses are "
-        "kept with a complaint (see report.md)\n",
+        "{} exposures were bad and taken again, {} triggers were repeated; in the end {} poses "
+        "beside failed ones have a complaint (see report.md)\n",
         summary.retakes, summary.trigger_retries, summary.doubtful);
   try {
     const int code = write_outputs(folder, {taking.calibration, options, beside}, Rewrite::kAll);
@@ -358,6 +363,15 @@ std::vector<std::string> changed_files(const Plan& plan) {
   return changes;
 }
 
+/// Whoever takes a run evaluates it too, when it is complete.
+void refuse_if_taken(const fs::path& run) {
+  if (const auto who = tell_run(run, "who"))
+    throw ConfigError(run.string(), "",
+                      fmt::format("is still being taken by {}. Wait for its end, or stop it with "
+                                  "\"turntable stop {}\".",
+                                  *who, run.string()));
+}
+
 }  // namespace
 
 int plan_command(const PlanArguments& a) {
@@ -365,6 +379,12 @@ int plan_command(const PlanArguments& a) {
     throw ConfigError(
         "--picture", "",
         fmt::format("found {}, allowed: a name that ends in .svg.", a.picture.string()));
+  std::error_code error;
+  for (const fs::path& out : {a.csv, a.picture})
+    for (const fs::path& in : {a.rig, a.scenario, a.calibration})
+      if (!out.empty() && fs::equivalent(out, in, error))
+        throw ConfigError(out.string(), "",
+                          "is an input of this plan and would be written over. Name another file.");
   const RigFile rig = load_rig_file(a.rig);
   Campaign campaign = load_campaign(a.scenario);
   provide_calibration(campaign, rig, a.calibration);
@@ -437,7 +457,7 @@ int run_command(const RunArguments& a) {
 int resume_command(const ResumeArguments& a) {
   const RunFolder folder = RunFolder::open(a.run);
   if (const auto who = tell_run(a.run, "resume")) {
-    fmt::print("{} goes on with it.\n", *who);
+    fmt::print("{} takes it, and goes on if it was paused.\n", *who);
     return kDone;
   }
   EvaluateOptions options = solvers_named(a.solvers);
@@ -536,6 +556,7 @@ int tell_command(const fs::path& run, const std::string& word) {
 
 int evaluate_command(const EvaluateArguments& a) {
   const RunFolder folder = RunFolder::open(a.run);
+  refuse_if_taken(a.run);
   std::optional<Calibration> given;
   if (!a.calibration.empty()) given = load_calibration(a.calibration);
   return write_outputs(folder, {given, solvers_named(a.solvers), {}}, Rewrite::kAll);
@@ -545,6 +566,7 @@ int report_command(const std::vector<fs::path>& runs) {
   int code = kDone;
   for (const fs::path& run : runs) {
     const RunFolder folder = RunFolder::open(run);
+    refuse_if_taken(run);
     OutputOptions options;
     if (fs::exists(folder.calibration()))
       options.calibration = load_calibration(folder.calibration());

@@ -24,7 +24,7 @@ constexpr std::int64_t kLargestSeed = 9007199254740991;
 constexpr const char* kExitCodes =
     "Exit codes: 0 done; 2 bad input, nothing moved; 3 device or disk trouble, axes stopped unless "
     "the message says otherwise;\n4 finished, but some poses failed or an axis missed; 130 "
-    "interrupted, axes stopped.\n";
+    "interrupted, axes stopped; 137 killed by a third Ctrl-C, which stops nothing.\n";
 
 int guarded(const std::function<int()>& verb) {
   try {

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <poll.h>
+#include <spdlog/spdlog.h>
 #include <termios.h>
 #include <unistd.h>
 
@@ -46,7 +47,7 @@ std::unique_ptr<sim::ControllerSimulator> simulator_for(const RigFile& file,
 /// Writes every byte: "12.345678 mc1 > Position? X\r", or "12.345678 mc2 > 01 04 75 3b 00 0a".
 class WireLogFile {
  public:
-  explicit WireLogFile(const std::filesystem::path& file) : out_(file, std::ios::app) {
+  explicit WireLogFile(const std::filesystem::path& file) : file_(file), out_(file, std::ios::app) {
     if (!out_) throw RecordError(file.string() + ": the wire log cannot be written.");
   }
   /// @param as_text false: binary, as hexadecimal bytes.
@@ -69,11 +70,16 @@ class WireLogFile {
     out_ << fmt::format("{:.6f} {} {} {}\n", seconds(time), line,
                         direction == Direction::kSent ? '>' : '<', shown)
          << std::flush;
+    // A run is worth more than its wire log.
+    if (!out_ && !std::exchange(told_, true))
+      spdlog::warn("{}: the wire log cannot be written any more; the run goes on", file_.string());
   }
 
  private:
   std::mutex mutex_;
+  std::filesystem::path file_;
   std::ofstream out_;
+  bool told_ = false;
 };
 
 void ask_to_mount(Payload payload) {

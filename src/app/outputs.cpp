@@ -155,9 +155,15 @@ EvaluationRecord read_evaluation_record(const RunFolder& folder, const Plan& pla
   if (fs::exists(folder.evaluation())) {
     const Json json = load_json(folder.evaluation(), "evaluation");
     how.journal_lines = json.at("journal_lines");
-    for (const Json& name : json.at("solvers"))
-      if (const Solver* solver = find_solver(name.get<std::string>()))
-        how.solvers.push_back(solver);
+    for (const Json& name : json.at("solvers")) {
+      const Solver* solver = find_solver(name.get<std::string>());
+      if (solver == nullptr)
+        throw ConfigError(folder.evaluation().string(), "/solvers",
+                          fmt::format("found \"{}\", which is no solver of this program. Evaluate "
+                                      "the run again.",
+                                      name.get<std::string>()));
+      how.solvers.push_back(solver);
+    }
     how.calibration_sha256 = json.value("calibration_sha256", "");
     how.beside = json.at("beside").get<std::vector<std::string>>();
     how.poses_by = json.at("poses_by");

@@ -24,7 +24,7 @@ namespace fs = std::filesystem;
 /// A folder that is gone with this object.
 struct Scratch {
   Scratch() {
-    std::string name = (fs::temp_directory_path() / "turntable-verify-XXXXXX").string();
+    std::string name = (temporary_files() / "turntable-verify-XXXXXX").string();
     if (::mkdtemp(name.data()) == nullptr)
       throw RecordError(fmt::format(
           "{}: no folder can be made to evaluate the run again in. Name another in TMPDIR, or give "
@@ -75,9 +75,9 @@ void verify_outputs(const RunFolder& folder, RunFindings& findings) {
     return;
   }
   if (how.journal_lines < lines) {
-    findings.remarks.push_back(fmt::format(
-        "the run was evaluated when its journal had {} lines, and has {} now: nothing to compare "
-        "with; \"turntable evaluate {}\" does it again",
+    findings.damage.push_back(fmt::format(
+        "the run was evaluated when its journal had {} lines, and has {} now: its tables are of an "
+        "earlier state and were not compared; \"turntable evaluate {}\" makes them again",
         how.journal_lines, record.journal.next_seq - 1, folder.root().string()));
     return;
   }

@@ -367,12 +367,12 @@ void check_disk(const Plan& plan, const RigFile& rig, const CheckOptions& option
   if (error) return;  // creating the run folder will say what is wrong with it
   report.free_bytes = space.available;
   if (report.disk_bytes > report.free_bytes)
-    throw ConfigError(
-        folder.string(), "",
-        fmt::format("the run needs up to {:.0f} MB, {:.0f} MB are free. Make room, choose another "
-                    "--out, or archive images as regions.",
-                    static_cast<double>(report.disk_bytes) / 1e6,
-                    static_cast<double>(report.free_bytes) / 1e6));
+    throw ConfigError(folder.string(), "",
+                      fmt::format("the run needs up to {:.0f} MB, {:.0f} MB are free. Make room; a "
+                                  "new run may also go to another "
+                                  "--out, or archive images as regions.",
+                                  static_cast<double>(report.disk_bytes) / 1e6,
+                                  static_cast<double>(report.free_bytes) / 1e6));
 }
 
 void sweep(AxisSweep& out, const AxisConfig& axis, const Plan& plan) {

@@ -84,7 +84,10 @@ class Acquisition {
   /// One exposure and one reading, to see that camera and channels answer. Nothing moves.
   DeviceCheck try_out() {
     DeviceCheck found;
-    if (!rig_.channels.empty()) found.telemetry = telemetry_.read();
+    if (!rig_.channels.empty()) {
+      found.telemetry = telemetry_.read();
+      found.outside = telemetry_.outside();
+    }
     if (!rig_.camera->exposes()) return found;
     const Time began = rig_.clock->now();
     const Frame frame = answered("the test trigger", [this] { return rig_.camera->try_out(); });
@@ -295,6 +298,8 @@ class Acquisition {
             "{}: not back after {:.0f} s. See to it, then \"turntable resume\".", why, waited));
       report("suspended", why);
       throw_if_interrupted();
+      // Virtual time has no end, and every reading is journaled.
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));
       rig_.clock->sleep_for(from_seconds(std::min(rig_file_.telemetry.every_s, kHoldPoll_s)));
       throw_if_stopping_now();
       const TelemetryReading reading = telemetry_.read();
@@ -323,8 +328,10 @@ class Acquisition {
       report("paused");
       std::this_thread::sleep_for(std::chrono::milliseconds(20));
     }
-    const std::string why = pause_requested() ? "interrupted" : "asked for";
-    worker.note([&](RunJournal& journal) { journal.interruption("resume", why); });
+    const bool ends = pause_requested();
+    worker.note([&](RunJournal& journal) {
+      journal.interruption(ends ? "end" : "resume", ends ? "interrupted" : "asked for");
+    });
   }
 
   void mount(Payload payload) {

@@ -74,6 +74,7 @@ struct DeviceCheck {
   std::optional<double> frame_s;   ///< trigger to frame, s; nothing if the camera does not expose
   int darkest = 0, brightest = 0;  ///< grey values of that frame
   std::optional<TelemetryReading> telemetry;
+  std::string outside;  ///< channels that would hold the first pose, and why; empty if none
 };
 
 /// Asks the devices themselves whether they can carry the whole plan out: limits, image size, images

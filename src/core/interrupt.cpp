@@ -1,5 +1,7 @@
 #include "src/core/interrupt.h"
 
+#include <unistd.h>
+
 #include <atomic>
 #include <csignal>
 #include <cstdlib>
@@ -19,7 +21,13 @@ thread_local int t_shields = 0;
 
 extern "C" void on_signal(int signal) {
   // The third press kills, whatever the first two meant: the way out needs its time.
-  if (signal == SIGINT && ++g_presses > 2) std::_Exit(130);
+  if (signal == SIGINT && ++g_presses > 2) {
+    constexpr char kSaid[] =
+        "\nturntable: killed. Axes may still be moving: use the emergency stop, or "
+        "\"turntable stop --rig RIG\".\n";
+    [[maybe_unused]] const auto ignored = ::write(STDERR_FILENO, kSaid, sizeof kSaid - 1);
+    std::_Exit(kKilledByPress);
+  }
   const int before = g_level.load();
   if (signal == SIGINT && g_presses == 1 && before == 0 && g_pause_at_first && !g_pause) {
     g_pause = true;

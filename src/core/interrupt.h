@@ -11,6 +11,8 @@ int interrupt_level();
 void install_interrupt_handlers();
 /// From now on the first Ctrl-C already stops the axes: for verbs without poses to finish.
 void stop_at_first_interrupt();
+/// Exit code after the third Ctrl-C, as after a kill: nothing is known of the axes.
+inline constexpr int kKilledByPress = 137;
 /// For tests, and for ending `serve`.
 void set_interrupt_level(int level);
 /// @throws Interrupted at level 1 and above; called where nothing is lost by ending.

@@ -546,11 +546,20 @@ class Reader {
     using Source = ChannelConfig::Source;
     const std::string at = "/telemetry/channels/" + name;
     ChannelConfig channel;
-    for (const std::string_view taken : {"pose_id", "pose_index", "image_files", "rig_time_s",
-                                         "trouble", "interruption", "session", "unix_time_s"})
-      if (name == taken) fail(at, "is a name that the journal needs itself. Choose another.");
+    if (name.empty() || name.size() > 40 ||
+        name.find_first_not_of("abcdefghijklmnopqrstuvwxyz0123456789_") != name.npos)
+      fail("/telemetry/channels",
+           fmt::format("found the name \"{}\", allowed: 1 to 40 small letters, digits and _.",
+                       name));
+    for (const std::string_view taken :
+         {"pose_id", "pose_index", "image_files", "rig_time_s", "trouble", "interruption", "reason",
+          "session", "suspended", "elapsed_s", "time", "unix_time_s", "utc"})
+      if (name == taken)
+        fail(at, "is a name that journal and tables need themselves. Choose another.");
     channel.name = name;
     channel.unit = c.at("unit");
+    if (std::ranges::any_of(channel.unit, [](unsigned char byte) { return byte < ' '; }))
+      fail(at + "/unit", "found a control character, allowed: text on one line, such as \"degC\".");
     std::vector<std::string> sources;
     for (const auto& [key, source] :
          {std::pair("file", Source::kFile), std::pair("ask", Source::kAsk),

@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cstdlib>
 #include <cstring>
 #include <utility>
 
@@ -15,7 +16,7 @@ namespace {
 
 [[noreturn]] void fail(const std::filesystem::path& file, const char* what, int error) {
   const char* advice = "";
-  if (error == ENOSPC || error == EDQUOT || error == EFBIG) advice = " Make room and run again.";
+  if (error == ENOSPC || error == EDQUOT || error == EFBIG) advice = " Make room.";
   if (error == EROFS || error == EACCES || error == EPERM)
     advice = " Choose a folder that can be written.";
   throw RecordError(
@@ -93,8 +94,28 @@ void write_atomically(const std::filesystem::path& file, std::string_view bytes)
 }
 
 void write_atomically(const std::filesystem::path& file, const ByteSource& source) {
-  StagedFile(file, source).commit();
-  sync_folder(file.parent_path());
+  std::error_code error;
+  const auto status = std::filesystem::status(file, error);
+  if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status))
+    throw RecordError(fmt::format(
+        "{}: is no regular file, which would be replaced. Name a file, or one that is not there.",
+        file.string()));
+  // A link stays a link.
+  const auto target = std::filesystem::is_symlink(file, error)
+                          ? std::filesystem::weakly_canonical(file, error)
+                          : file;
+  StagedFile(target, source).commit();
+  sync_folder(target.parent_path());
+}
+
+std::filesystem::path temporary_files() {
+  std::error_code error;
+  const auto folder = std::filesystem::temp_directory_path(error);
+  if (!error) return folder;
+  const char* named = std::getenv("TMPDIR");
+  throw ConfigError("TMPDIR", "",
+                    fmt::format("found \"{}\", allowed: a folder that is there. Name another.",
+                                named != nullptr ? named : "/tmp"));
 }
 
 }  // namespace turntable

@@ -19,7 +19,7 @@
 
 namespace turntable {
 
-RunFolder RunFolder::create(const std::filesystem::path& root, const Plan& plan) {
+void RunFolder::require_new(const std::filesystem::path& root) {
   std::error_code error;
   const auto status = std::filesystem::status(root, error);
   if (std::filesystem::exists(status)) {
@@ -30,6 +30,11 @@ RunFolder RunFolder::create(const std::filesystem::path& root, const Plan& plan)
           root.string(), "",
           "is not empty: a run is never written over another one. Choose a new folder.");
   }
+}
+
+RunFolder RunFolder::create(const std::filesystem::path& root, const Plan& plan) {
+  require_new(root);
+  std::error_code error;
   RunFolder folder(root);
   const auto parts = {folder.images(), folder.tables(), folder.figures()};
   try {

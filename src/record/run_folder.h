@@ -22,6 +22,8 @@ class RunFolder {
   /// Makes the folder with the plan in it. @throws ConfigError if `root` exists and is not an empty
   /// folder, RecordError if it cannot be written.
   static RunFolder create(const std::filesystem::path& root, const Plan& plan);
+  /// @throws ConfigError if `root` exists and is not an empty folder.
+  static void require_new(const std::filesystem::path& root);
   /// @throws ConfigError if `root` holds no plan.json.
   static RunFolder open(const std::filesystem::path& root);
   /// results/runs/<UTC>-<name>

@@ -37,7 +37,7 @@ class RunJournal {
   void telemetry(const TelemetryReading& reading, const TelemetryConfig& config);
   /// Where a session's time went, s by phase. On disk when this returns.
   void time(const std::map<std::string, double>& phases_s);
-  /// On disk when this returns. @param what "pause", "suspend", "resume"
+  /// On disk when this returns. @param what "pause", "suspend", "resume", "end" (of a run in a pause)
   void interruption(std::string_view what, const std::string& reason);
   /// All poses so far are on the medium when this returns.
   void sync() { journal_.sync(); }

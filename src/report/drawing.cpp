@@ -67,12 +67,12 @@ std::vector<Figure> draw(const std::filesystem::path& folder, const std::vector<
 
 std::string draw_svg(const Draft& draft, std::string_view csv) {
   namespace fs = std::filesystem;
-  std::string pattern = (fs::temp_directory_path() / "turntable_XXXXXX").string();
+  std::string pattern = (temporary_files() / "turntable_XXXXXX").string();
   if (::mkdtemp(pattern.data()) == nullptr)
     throw RecordError(
         fmt::format("{}: no temporary folder can be made there: {}. Make room, or "
                     "name another place in TMPDIR.",
-                    fs::temp_directory_path().string(), std::strerror(errno)));
+                    temporary_files().string(), std::strerror(errno)));
   const fs::path folder = pattern;
   struct Remove {
     const fs::path& folder;

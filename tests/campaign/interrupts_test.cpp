@@ -68,7 +68,7 @@ class InterruptMatrix : public ::testing::TestWithParam<MatrixCase> {
     ChannelConfig room;
     room.name = "room";
     room.unit = "degC";
-    room.hold = {18.0, 24.0, 19.0, 23.0, 30.0, 0.0};
+    room.hold = {18.0, 24.0, 19.0, 23.0, 1.0, 0.0};
     rig_file.telemetry.channels = {room};
     rig_file.telemetry.every_s = 0.1;  // before every pose
     fake.rig.channels = {{"room", [this] { return room_degc; }}};

@@ -186,6 +186,7 @@ TEST(RigFile, RefusesTelemetryThatMakesNoSense) {
   EXPECT_EQ(refused(R"("file": "a", "hold": {"outside": [2, 3], "resume_inside": [2.5, 2.5]})"),
             at + "/hold/resume_inside");
   EXPECT_EQ(refused(R"("ask": "T?", "line": {"simulated": {}})"), at + "/line");
+  EXPECT_EQ(refused(R"("file": "a"}, "Temp": {"unit": "1", "file": "b")"), "/telemetry/channels");
   EXPECT_EQ(refused(R"("file": "a"}, "pose_id": {"unit": "1", "file": "b")"),
             "/telemetry/channels/pose_id");
   const std::string port = R"("line": {"serial": {"port": "/dev/ttyUSB9"}})";
