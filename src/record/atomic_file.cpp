@@ -113,9 +113,9 @@ std::filesystem::path temporary_files() {
   const auto folder = std::filesystem::temp_directory_path(error);
   if (!error) return folder;
   const char* named = std::getenv("TMPDIR");
-  throw ConfigError("TMPDIR", "",
-                    fmt::format("found \"{}\", allowed: a folder that is there. Name another.",
-                                named != nullptr ? named : "/tmp"));
+  throw RecordError(
+      fmt::format("TMPDIR: found \"{}\", allowed: a folder that is there. Name another.",
+                  named != nullptr ? named : "/tmp"));
 }
 
 }  // namespace turntable

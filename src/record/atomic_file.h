@@ -47,7 +47,7 @@ bool is_temporary(const std::filesystem::path& file);
 /// Makes new names in `folder` survive a power cut. @throws RecordError.
 void sync_folder(const std::filesystem::path& folder);
 
-/// Where temporary files go: TMPDIR, else /tmp. @throws ConfigError if that is no folder.
+/// Where temporary files go: TMPDIR, else /tmp. @throws RecordError if that is no folder.
 std::filesystem::path temporary_files();
 
 }  // namespace turntable

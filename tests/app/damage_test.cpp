@@ -176,6 +176,9 @@ TEST_F(DamagedCopy, WhatCannotBeWrittenIsNamedAndTheOldStays) {
   const Outcome scratch = turntable_program("verify " + run.string(), "TMPDIR=/proc");
   EXPECT_EQ(scratch.code, 3) << scratch.output;
   EXPECT_THAT(scratch.output, HasSubstr("--record-only"));
+  const Outcome nowhere = turntable_program("verify " + run.string(), "TMPDIR=/nonexistent");
+  EXPECT_EQ(nowhere.code, 3) << "the run is not to blame";
+  EXPECT_THAT(nowhere.output, HasSubstr("TMPDIR: found \"/nonexistent\""));
 }
 
 TEST_F(DamagedCopy, AJournalCutOffInItsLastLineIsSaidAndVerifiedUpToThere) {

@@ -39,10 +39,11 @@ class FakePort final : public AxisPort<Degrees> {
   }
   AxisStatus<Degrees> status(Time) override {
     ++reads;
-    const double way =
-        std::clamp(seconds(clock_->now() - began_) / (never_ends_slowly ? 60.0 : 1.0), 0.0, 1.0);
+    const double since = seconds(clock_->now() - began_) - starts_late_s;
+    const double way = std::clamp(since / (never_ends_slowly ? 60.0 : 1.0), 0.0, 1.0);
     const double here = from_ + (to_ - from_) * way + (wobble ? wobble() : 0.0);
     const Motion motion = !tells                    ? Motion::kUnknown
+                          : since < 0.0             ? Motion::kEnded  // of the move before
                           : way < 1.0 || never_ends ? Motion::kMoving
                                                     : Motion::kEnded;
     if (gives_way) throw GaveWay("gave way");
@@ -69,6 +70,7 @@ class FakePort final : public AxisPort<Degrees> {
   bool gives_way = false;          ///< a stop of another axis waits for the line
   bool never_ends_slowly = false;  ///< it takes a minute to go anywhere
   double counter_shift = 0;
+  double starts_late_s = 0;  ///< and says "ended" so long
   std::string fault;
   std::function<double()> wobble;
 
@@ -156,6 +158,22 @@ TEST_F(MotionRules, WaitsInsideTheWindowForTheWholeSettleTime) {
   const Time took = clock.now() - before;
   EXPECT_GE(took, milliseconds{2050 + 100}) << "the whole settle time, counted anew";
   EXPECT_LE(took, milliseconds{2050 + 40 + 100});
+}
+
+TEST_F(MotionRules, DoesNotBelieveALeftOverEndedForLessThanAPollInterval) {
+  AxisConfig direct = config();
+  direct.backlash = 0.0;
+  MotionAxis<Degrees> short_steps(direct, port, clock);
+  short_steps.home();
+  port.starts_late_s = 0.06;
+  const double step =
+      0.05;  // should take less than a poll: it is asked for at once, and again soon
+  ASSERT_LT(short_steps.move_seconds(Degrees{0}, Degrees{step}), 0.04);
+  short_steps.start(Degrees{step});
+  while (!short_steps.advance()) {
+  }
+  EXPECT_NEAR(short_steps.arrival().position.value, step, 1e-9);
+  EXPECT_EQ(short_steps.arrival().retries, 0);
 }
 
 TEST_F(MotionRules, BelievesAControllerThatSaysItStillMoves) {
