@@ -17,12 +17,6 @@
 
 namespace turntable {
 
-/// deg; NaN where there is nothing to state.
-struct WithInterval {
-  double value;
-  Interval interval;
-};
-
 struct CameraSolverCell {
   std::string camera;  ///< as in `camera_names`
   const Solver* solver = nullptr;

@@ -89,7 +89,8 @@ Interval bootstrap_interval(std::size_t count,
   for (int k = 0; k < resamples; ++k) {
     for (std::size_t& i : drawn)
       i = static_cast<std::size_t>(random.uniform() * static_cast<double>(count));
-    values.push_back(statistic(drawn));
+    // A resample may have drawn nothing that the statistic could be of.
+    if (const double value = statistic(drawn); std::isfinite(value)) values.push_back(value);
   }
   return {percentile(values, 0.025), percentile(values, 0.975)};
 }

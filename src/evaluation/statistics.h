@@ -77,6 +77,11 @@ double percentile(std::span<const double> values, double share);
 struct Interval {
   double lower, upper;
 };
+/// A statistic with its 95 % interval; NaN where there is nothing to state.
+struct WithInterval {
+  double value;
+  Interval interval;
+};
 
 /// 95 % interval of a statistic of `count` independent things, by drawing them again with
 /// replacement (percentile bootstrap; B. Efron, R. Tibshirani, An Introduction to the Bootstrap,

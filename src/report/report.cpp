@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
@@ -176,6 +177,36 @@ std::string provenance_text(const RunRecord& record) {
   return md;
 }
 
+/// Tables in the published form; then what goes beyond it.
+std::string statistics_text(const std::vector<WrittenTable>& tables) {
+  constexpr std::array<std::pair<std::string_view, std::string_view>, 4> kBeyond{{
+      {"statistics",
+       "Intervals come from drawing angles again, each with all of its repeats. The error of a "
+       "repeat's initial pose is in all of its poses alike, and no interval knows of it."},
+      {"repeatability",
+       "Axes are always approached from the same side, so forward and backward should be the "
+       "same; an interval that does not hold zero says that they are not."},
+      {"paired",
+       "Both solvers saw the same image points. \"Not told apart\" means that the interval holds "
+       "zero: this run cannot tell which is better. With many pairs some intervals miss zero by "
+       "chance: about one in twenty."},
+      {"iso230",
+       "A accuracy, E systematic deviation, M range of the mean deviation of both directions, R "
+       "repeatability, B reversal, by their definitions in the standard; the camera measures, so "
+       "its own errors are in all of them."},
+  }};
+  std::string published, beyond;
+  for (const WrittenTable& t : tables) {
+    const auto known =
+        std::ranges::find(kBeyond, t.name, &std::pair<std::string_view, std::string_view>::first);
+    if (known != kBeyond.end())
+      beyond += fmt::format("### {}\n\n{}\n\n{}\n", t.title, known->second, t.markdown);
+    else if (t.name != "table1" && t.name != "camera_solver")
+      published += fmt::format("### {}\n\n{}\n", t.title, t.markdown);
+  }
+  return published + "## Beyond the published tables\n\n" + beyond;
+}
+
 /// What a cell of the table of cameras and solvers counts, and where else its measurements appear.
 std::string counted_poses(const std::vector<CameraComparison>& comparisons) {
   std::string md = "A cell counts";
@@ -252,9 +283,7 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
       "camera model's, "
       "not the solver's. The published rows come from another rig: they are a yardstick, not a "
       "competitor.\n\n";
-  for (const WrittenTable& t : tables)
-    if (t.name != "table1" && t.name != "camera_solver")
-      md += fmt::format("### {}\n\n{}\n", t.title, t.markdown);
+  md += statistics_text(tables);
 
   for (const WrittenTable& t : tables) {
     if (t.name != "camera_solver") continue;

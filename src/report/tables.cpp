@@ -2,12 +2,14 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
 #include <map>
 #include <optional>
 
+#include "src/evaluation/scenario_statistics.h"
 #include "src/imaging/monomial_table.h"
 #include "src/record/atomic_file.h"
 #include "src/record/csv.h"
@@ -17,82 +19,50 @@ namespace turntable {
 namespace {
 
 struct Row {
-  std::string source, method;
-  int repeat;
-  double max_pitch, max_roll, max_yaw, rmse_pitch, rmse_roll, rmse_yaw, rmse_total;
-  std::optional<std::size_t> poses, failed;  ///< not published
+  std::string method;
+  std::vector<Cell> cells;
 };
 
+/// Published values have three decimals, and no count of poses.
 Row published_row(const PublishedRow& p) {
-  return {"published",
-          p.method,
-          p.repeat,
-          p.max_pitch_deg,
-          p.max_roll_deg,
-          p.max_yaw_deg,
-          p.rmse_pitch_deg,
-          p.rmse_roll_deg,
-          p.rmse_yaw_deg,
-          p.rmse_total_deg,
-          {},
-          {}};
+  Row row{p.method, {"published", p.method, std::int64_t{p.repeat}}};
+  for (const double v : {p.max_pitch_deg, p.max_roll_deg, p.max_yaw_deg, p.rmse_pitch_deg,
+                         p.rmse_roll_deg, p.rmse_yaw_deg, p.rmse_total_deg})
+    row.cells.emplace_back(Rounded{v, 3});
+  row.cells.resize(row.cells.size() + 2);
+  return row;
 }
 
 Row our_row(const RepeatStatistics& r, int repeat) {
   const ErrorStatistics& s = r.statistics;
-  return {"ours",
-          std::string(r.solver->name),
-          repeat,
-          s.pitch.max_signed_deg,
-          s.roll.max_signed_deg,
-          s.yaw.max_signed_deg,
-          s.pitch.rmse_deg,
-          s.roll.rmse_deg,
-          s.yaw.rmse_deg,
-          s.rmse_total_deg,
-          s.poses,
-          s.failed};
+  Row row{std::string(r.solver->name),
+          {"ours", std::string(r.solver->name), std::int64_t{repeat}, s.pitch.max_signed_deg,
+           s.roll.max_signed_deg, s.yaw.max_signed_deg, s.pitch.rmse_deg, s.roll.rmse_deg,
+           s.yaw.rmse_deg, s.rmse_total_deg, static_cast<std::int64_t>(s.poses),
+           static_cast<std::int64_t>(s.failed)}};
+  return row;
 }
 
-/// Published values have three decimals; ours may be smaller than their last digit.
-constexpr int kDecimals = 4;
-
-std::string cell(double value, const std::string& source) {
-  if (!std::isfinite(value)) return "-";
-  return fixed(value, source == "published" ? 3 : kDecimals);
-}
-
-WrittenTable write(const RunFolder& folder, const std::string& name, const std::string& title,
+/// The form of Tables 3 to 5.
+Table errors_table(const std::string& name, const std::string& title,
                    const std::vector<Row>& rows) {
-  Csv csv({"source", "method", "repeat", "max_pitch_deg", "max_roll_deg", "max_yaw_deg",
-           "rmse_pitch_deg", "rmse_roll_deg", "rmse_yaw_deg", "rmse_total_deg", "poses", "failed"});
-  std::string md =
-      "| source | method | repeat | max pitch / deg | max roll / deg | max yaw / deg | RMSE pitch "
-      "/ deg | RMSE roll / "
-      "deg | RMSE yaw / deg | total RMSE / deg | poses | failed |\n"
-      "|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n";
-  for (const Row& r : rows) {
-    const int decimals = r.source == "published" ? 3 : 6;
-    csv.text(r.source).text(r.method).integer(r.repeat);
-    md += fmt::format("| {} | {} | {} |", r.source, r.method, r.repeat);
-    for (const double v : {r.max_pitch, r.max_roll, r.max_yaw, r.rmse_pitch, r.rmse_roll,
-                           r.rmse_yaw, r.rmse_total}) {
-      csv.number(v, decimals);
-      md += fmt::format(" {} |", cell(v, r.source));
-    }
-    for (const auto& count : {r.poses, r.failed}) {
-      if (count)
-        csv.integer(static_cast<std::int64_t>(*count));
-      else
-        csv.empty();
-      md += count ? fmt::format(" {} |", *count) : " |";
-    }
-    csv.end_row();
-    md += "\n";
-  }
-  csv.write(folder.tables() / (name + ".csv"));
-  write_atomically(folder.tables() / (name + ".md"), fmt::format("# {}\n\n{}", title, md));
-  return {name, title, md};
+  Table table{name,
+              title,
+              {{"source", "source"},
+               {"method", "method"},
+               {"repeat", "repeat"},
+               {"max_pitch_deg", "max pitch / deg"},
+               {"max_roll_deg", "max roll / deg"},
+               {"max_yaw_deg", "max yaw / deg"},
+               {"rmse_pitch_deg", "RMSE pitch / deg"},
+               {"rmse_roll_deg", "RMSE roll / deg"},
+               {"rmse_yaw_deg", "RMSE yaw / deg"},
+               {"rmse_total_deg", "total RMSE / deg"},
+               {"poses", "poses"},
+               {"failed", "failed"}},
+              {}};
+  for (const Row& row : rows) table.rows.push_back(row.cells);
+  return table;
 }
 
 WrittenTable write_table1(const RunFolder& folder, const Calibration& calibration) {
@@ -112,6 +82,16 @@ WrittenTable write_table1(const RunFolder& folder, const Calibration& calibratio
   write_atomically(folder.tables() / "table1.tex", monomials_to_latex(tables));
   write_atomically(folder.tables() / "table1.md", fmt::format("# {}\n\n{}", title, md));
   return {"table1", title, md};
+}
+
+/// A scenario may be called what it likes; "table3" or "statistics" without being it must not look like
+/// it.
+std::string own_table_name(const std::string& scenario) {
+  constexpr std::array<std::string_view, 6> kTaken{"statistics", "repeatability", "paired",
+                                                   "iso230",     "camera_solver", "tables"};
+  const bool taken = scenario.starts_with("table") || scenario.starts_with("scenario_") ||
+                     std::ranges::find(kTaken, scenario) != kTaken.end();
+  return taken ? "scenario_" + scenario : scenario;
 }
 
 /// What the camera model gains and what the solver gains, one group of rows per rig.
@@ -183,6 +163,123 @@ WrittenTable write_camera_solver_table(const RunFolder& folder,
   return {"camera_solver", title, md};
 }
 
+std::int64_t whole(std::size_t count) { return static_cast<std::int64_t>(count); }
+
+/// Bias and spread apart, percentiles, and what is left of the total by chance.
+Table statistics_table(const std::vector<ScenarioStatistics>& statistics, const Plan& plan) {
+  Table table{"statistics",
+              "Errors of each scenario, all repeats together: bias (mean) and spread (standard "
+              "deviation) apart, percentiles, 95 % intervals",
+              {{"scenario", "scenario"},
+               {"solver", "solver"},
+               {"repeats", "repeats"},
+               {"poses", "poses"},
+               {"failed", "failed"},
+               {"rmse_total_deg", "total RMSE [95 % interval] / deg"},
+               {"bias_pitch_deg", "bias pitch / deg"},
+               {"bias_roll_deg", "bias roll / deg"},
+               {"bias_yaw_deg", "bias yaw / deg"},
+               {"spread_pitch_deg", "spread pitch / deg"},
+               {"spread_roll_deg", "spread roll / deg"},
+               {"spread_yaw_deg", "spread yaw / deg"},
+               {"percentile95_pitch_deg", "95 % of pitch below / deg"},
+               {"percentile95_roll_deg", "95 % of roll below / deg"},
+               {"percentile95_yaw_deg", "95 % of yaw below / deg"},
+               {"geodesic_median_deg", "geodesic median / deg"},
+               {"geodesic_percentile95_deg", "geodesic 95 % / deg"},
+               {"geodesic_max_deg", "geodesic max / deg"}},
+              {}};
+  for (const ScenarioStatistics& s : statistics) {
+    const ErrorStatistics& e = s.pooled;
+    table.rows.push_back({plan.scenarios[s.scenario].name, std::string(s.solver->name),
+                          std::int64_t{s.repeats}, whole(e.poses), whole(e.failed),
+                          s.rmse_total_deg, e.pitch.mean_deg, e.roll.mean_deg, e.yaw.mean_deg,
+                          e.pitch.standard_deviation_deg, e.roll.standard_deviation_deg,
+                          e.yaw.standard_deviation_deg, s.axes[0].percentile95_deg,
+                          s.axes[1].percentile95_deg, s.axes[2].percentile95_deg,
+                          e.geodesic.median_deg, e.geodesic.percentile95_deg, e.geodesic.max_deg});
+  }
+  return table;
+}
+
+/// What the same angles give again, and whether it matters from where an axis came.
+Table repeatability_table(const std::vector<ScenarioStatistics>& statistics, const Plan& plan) {
+  Table table{"repeatability",
+              "Repeatability over repeats (standard deviation at the same angles, noise of the "
+              "initial poses included), and mean error of poses come to from below minus from "
+              "above",
+              {{"scenario", "scenario"},
+               {"solver", "solver"},
+               {"repeats", "repeats"},
+               {"repeatability_pitch_deg", "repeatability pitch / deg"},
+               {"repeatability_roll_deg", "repeatability roll / deg"},
+               {"repeatability_yaw_deg", "repeatability yaw / deg"},
+               {"forward_minus_backward_pitch_deg", "forward - backward pitch / deg"},
+               {"forward_minus_backward_roll_deg", "forward - backward roll / deg"},
+               {"forward_minus_backward_yaw_deg", "forward - backward yaw / deg"}},
+              {}};
+  for (const ScenarioStatistics& s : statistics) {
+    std::vector<Cell> row{plan.scenarios[s.scenario].name, std::string(s.solver->name),
+                          std::int64_t{s.repeats}};
+    for (const AxisDetail& a : s.axes) row.emplace_back(a.repeatability_deg);
+    for (const AxisDetail& a : s.axes) row.emplace_back(a.forward_minus_backward_deg);
+    table.rows.push_back(std::move(row));
+  }
+  return table;
+}
+
+Table paired_table(const std::vector<PairedComparison>& comparisons, const Plan& plan) {
+  Table table{"paired",
+              "Is one solver better than another? Change of the total RMSE from the first to the "
+              "other over the same poses, 95 % interval",
+              {{"scenario", "scenario"},
+               {"first", "first"},
+               {"other", "other"},
+               {"poses", "poses of both"},
+               {"only_first", "only first"},
+               {"only_other", "only other"},
+               {"change_deg", "change [95 % interval] / deg"},
+               {"share_other_nearer", "share of poses where the other is nearer", 2},
+               {"verdict", "the other is"}},
+              {}};
+  for (const PairedComparison& c : comparisons) {
+    using Verdict = PairedComparison::Verdict;
+    const Verdict verdict = c.verdict();
+    table.rows.push_back({plan.scenarios[c.scenario].name, std::string(c.first->name),
+                          std::string(c.other->name), whole(c.poses), whole(c.only_first),
+                          whole(c.only_other), c.change_deg, c.share_other_nearer,
+                          std::string(verdict == Verdict::kBetter  ? "better"
+                                      : verdict == Verdict::kWorse ? "worse"
+                                                                   : "not told apart")});
+  }
+  return table;
+}
+
+Table iso230_table(const std::vector<Iso230>& rows, const Plan& plan) {
+  Table table{"iso230",
+              "Quantities of ISO 230-2 for scenarios that turn one axis: the measured against the "
+              "turntable's angle (the standard asks for five approaches from each side)",
+              {{"scenario", "scenario"},
+               {"solver", "solver"},
+               {"axis", "axis"},
+               {"positions", "positions"},
+               {"approaches", "approaches"},
+               {"directions", "directions"},
+               {"accuracy_deg", "A / deg"},
+               {"systematic_deg", "E / deg"},
+               {"mean_range_deg", "M / deg"},
+               {"repeatability_deg", "R / deg"},
+               {"reversal_deg", "B / deg"}},
+              {}};
+  for (const Iso230& i : rows)
+    table.rows.push_back({plan.scenarios[i.scenario].name, std::string(i.solver->name),
+                          std::string(axis_name(i.axis)), whole(i.positions),
+                          std::int64_t{i.approaches}, std::int64_t{i.bidirectional ? 2 : 1},
+                          i.accuracy_deg, i.systematic_deg, i.mean_range_deg, i.repeatability_deg,
+                          i.reversal_deg});
+  return table;
+}
+
 }  // namespace
 
 std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan,
@@ -199,11 +296,8 @@ std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan
   std::vector<std::string> order{"table3", "table4", "table5"};
   for (const RepeatStatistics& r : repeat_statistics(evaluation)) {
     const ScenarioInfo& scenario = plan.scenarios[r.scenario];
-    // A scenario may be called what it likes; "table3" without belonging to it must not look like
-    // it.
-    const std::string name = scenario.table ? fmt::format("table{}", *scenario.table)
-                             : scenario.name.starts_with("table") ? "scenario_" + scenario.name
-                                                                  : scenario.name;
+    const std::string name =
+        scenario.table ? fmt::format("table{}", *scenario.table) : own_table_name(scenario.name);
     if (scenario.table) published[name] = *scenario.table;
     titles[name] = scenario.table ? fmt::format("Table {}: {}", *scenario.table,
                                                 published_table(*scenario.table).title)
@@ -224,10 +318,16 @@ std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan
     for (const Solver* solver : evaluation.solvers)
       for (const Row& r : ours[name])
         if (r.method == solver->name) rows.push_back(r);
-    written.push_back(write(folder, name, titles[name], rows));
+    written.push_back(write_table(errors_table(name, titles[name], rows), folder.tables()));
   }
   if (!cameras.empty() && !cameras.front().cells.empty() && cameras.front().cells.front().poses > 0)
     written.push_back(write_camera_solver_table(folder, cameras));
+  const std::vector<ScenarioStatistics> statistics = scenario_statistics(evaluation);
+  for (const Table& table :
+       {statistics_table(statistics, plan), repeatability_table(statistics, plan),
+        paired_table(paired_comparisons(evaluation), plan),
+        iso230_table(iso230(evaluation, plan), plan)})
+    if (!table.rows.empty()) written.push_back(write_table(table, folder.tables()));
   return written;
 }
 

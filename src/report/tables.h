@@ -8,15 +8,9 @@
 #include "src/evaluation/evaluate.h"
 #include "src/imaging/calibration.h"
 #include "src/record/run_folder.h"
+#include "src/report/table.h"
 
 namespace turntable {
-
-/// A table that was written.
-struct WrittenTable {
-  std::string name;  ///< "table3", or the scenario's name where it belongs to no published table
-  std::string title;
-  std::string markdown;  ///< the table itself
-};
 
 /// Writes tables/<name>.{csv,md}: table1 from the calibration; tables 3-5 as far as the run has
 /// scenarios for them, and one more per scenario that belongs to none (repeats of several scenarios in

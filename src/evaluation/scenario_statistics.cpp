@@ -1,0 +1,348 @@
+#include "src/evaluation/scenario_statistics.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <numeric>
+#include <set>
+#include <tuple>
+
+#include "src/core/parallel.h"
+
+namespace turntable {
+namespace {
+
+double error_of(const PoseError& e, AxisId axis) {
+  return axis == AxisId::kPitch ? e.pitch_deg : axis == AxisId::kRoll ? e.roll_deg : e.yaw_deg;
+}
+
+double squared(const PoseError& e) {
+  return e.pitch_deg * e.pitch_deg + e.roll_deg * e.roll_deg + e.yaw_deg * e.yaw_deg;
+}
+
+/// A measured pose of a scenario, and how each told axis came to it: +1 up, -1 down, 0 not moved yet.
+struct Visit {
+  const EvaluatedPose* pose;
+  std::array<int, 3> direction;
+};
+
+/// Visits of one scenario, by the angles that they were sent to, in the order of the first visit.
+struct Visited {
+  std::size_t scenario;
+  std::vector<Visit> visits;
+  std::vector<std::vector<std::size_t>> by_angles;  ///< places in `visits`
+};
+
+std::vector<Visited> visited_scenarios(const Evaluation& evaluation) {
+  std::vector<Visited> out;
+  std::map<std::size_t, std::size_t> place;  // scenario -> in out
+  std::vector<std::map<std::tuple<double, double, double, double>, std::size_t>> angles;
+  // Directions are those of the commands, in the plan's order, from whatever pose came before.
+  std::array<double, 3> last{0.0, 0.0, 0.0};
+  std::array<int, 3> direction{0, 0, 0};
+  for (const EvaluatedPose& pose : evaluation.poses) {
+    const PlannedPose& p = pose.planned;
+    for (std::size_t a = 0; a < 3; ++a) {
+      const double target = p.target(kToldAxes[a]);
+      if (target != last[a]) direction[a] = target > last[a] ? 1 : -1;
+      last[a] = target;
+    }
+    if (p.role != PoseRole::kMeasure) continue;
+    const auto [it, is_new] = place.try_emplace(p.scenario, out.size());
+    if (is_new) {
+      out.push_back({p.scenario, {}, {}});
+      angles.emplace_back();
+    }
+    Visited& v = out[it->second];
+    const auto [group, first] = angles[it->second].try_emplace(
+        std::tuple(p.stage_mm, p.yaw_deg, p.roll_deg, p.pitch_deg), v.by_angles.size());
+    if (first) v.by_angles.emplace_back();
+    v.by_angles[group->second].push_back(v.visits.size());
+    v.visits.push_back({&pose, direction});
+  }
+  return out;
+}
+
+/// Sum and number of something over some visits.
+struct Sum {
+  double sum = 0.0;
+  double count = 0.0;
+};
+
+/// `over` all groups, and its interval by drawing groups again.
+template <class Over>
+WithInterval with_bootstrap(std::size_t groups, const Over& over) {
+  std::vector<std::size_t> all(groups);
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  const double whole = over(all);
+  if (!std::isfinite(whole)) return {Solution::kNaN, {Solution::kNaN, Solution::kNaN}};
+  return {whole, bootstrap_interval(groups, over, Random(1, "scenario statistics"))};
+}
+
+/// `value(sums)` of columns of which each has one `Sum` a group. NaN if a column has nothing at all.
+template <std::size_t N, class Value>
+WithInterval clustered(const std::array<std::vector<Sum>, N>& columns, const Value& value) {
+  const std::size_t groups = columns.front().size();
+  const auto over = [&](std::span<const std::size_t> drawn) {
+    std::array<Sum, N> sums{};
+    for (std::size_t c = 0; c < N; ++c)
+      for (const std::size_t g : drawn) {
+        sums[c].sum += columns[c][g].sum;
+        sums[c].count += columns[c][g].count;
+      }
+    for (const Sum& s : sums)
+      if (s.count == 0.0) return Solution::kNaN;
+    return static_cast<double>(value(sums));
+  };
+  return with_bootstrap(groups, over);
+}
+
+/// For every group the sum of `of(visit)` where it is finite.
+template <class Of>
+std::vector<Sum> sums_of(const Visited& v, const Of& of) {
+  std::vector<Sum> out(v.by_angles.size());
+  for (std::size_t g = 0; g < out.size(); ++g)
+    for (const std::size_t k : v.by_angles[g])
+      if (const double x = of(v.visits[k]); std::isfinite(x)) {
+        out[g].sum += x;
+        out[g].count += 1.0;
+      }
+  return out;
+}
+
+double rms(const Sum& s) { return std::sqrt(s.sum / s.count); }
+
+/// Difference by direction at the same angle of the axis, averaged over the angles that were come to
+/// from both sides, by what each can tell (weights n m / (n + m)).
+WithInterval direction_effect(const Visited& v, std::size_t told, std::size_t solver_place) {
+  struct Group {
+    std::size_t angle;  ///< stratum: the angle of this axis
+    Sum up, down;
+  };
+  std::map<double, std::size_t> strata;
+  std::vector<Group> groups;
+  for (const std::vector<std::size_t>& members : v.by_angles) {
+    const double at = v.visits[members.front()].pose->planned.target(kToldAxes[told]);
+    Group g{strata.try_emplace(at, strata.size()).first->second, {}, {}};
+    for (const std::size_t k : members) {
+      const PoseResult& r = v.visits[k].pose->results[solver_place];
+      if (!r.measured || v.visits[k].direction[told] == 0) continue;
+      Sum& sum = v.visits[k].direction[told] > 0 ? g.up : g.down;
+      sum.sum += error_of(r.error, kToldAxes[told]);
+      sum.count += 1.0;
+    }
+    groups.push_back(g);
+  }
+  std::vector<std::pair<Sum, Sum>> by_angle(strata.size());
+  const auto over = [&](std::span<const std::size_t> drawn) {
+    std::ranges::fill(by_angle, std::pair<Sum, Sum>{});
+    for (const std::size_t k : drawn) {
+      auto& [up, down] = by_angle[groups[k].angle];
+      up.sum += groups[k].up.sum;
+      up.count += groups[k].up.count;
+      down.sum += groups[k].down.sum;
+      down.count += groups[k].down.count;
+    }
+    double sum = 0.0, weights = 0.0;
+    for (const auto& [up, down] : by_angle) {
+      if (up.count == 0.0 || down.count == 0.0) continue;
+      const double weight = up.count * down.count / (up.count + down.count);
+      sum += weight * (up.sum / up.count - down.sum / down.count);
+      weights += weight;
+    }
+    return weights > 0.0 ? sum / weights : Solution::kNaN;
+  };
+  return with_bootstrap(groups.size(), over);
+}
+
+ScenarioStatistics statistics_of(const Visited& v, std::size_t solver_place, const Solver* solver) {
+  ScenarioStatistics out;
+  out.scenario = v.scenario;
+  out.solver = solver;
+  std::vector<PoseError> errors;
+  for (const Visit& visit : v.visits) {
+    out.repeats = std::max(out.repeats, visit.pose->planned.repeat);
+    if (const PoseResult& r = visit.pose->results[solver_place]; r.measured)
+      errors.push_back(r.error);
+  }
+  out.pooled = error_statistics(errors, v.visits.size() - errors.size());
+  const auto result = [&](const Visit& visit) -> const PoseResult& {
+    return visit.pose->results[solver_place];
+  };
+  out.rmse_total_deg = clustered<1>(
+      {sums_of(v,
+               [&](const Visit& visit) {
+                 return result(visit).measured ? squared(result(visit).error) : Solution::kNaN;
+               })},
+      [](const auto& s) { return rms(s[0]); });
+  for (std::size_t a = 0; a < 3; ++a) {
+    AxisDetail& detail = out.axes[a];
+    const AxisId axis = kToldAxes[a];
+    std::vector<double> magnitudes;
+    for (const PoseError& e : errors) magnitudes.push_back(std::abs(error_of(e, axis)));
+    detail.percentile95_deg = percentile(magnitudes, 0.95);
+
+    double squares = 0.0, freedom = 0.0;
+    for (const std::vector<std::size_t>& group : v.by_angles) {
+      std::vector<double> same;
+      for (const std::size_t k : group)
+        if (result(v.visits[k]).measured) same.push_back(error_of(result(v.visits[k]).error, axis));
+      if (same.size() < 2) continue;
+      const double s = standard_deviation(same);
+      squares += s * s * static_cast<double>(same.size() - 1);
+      freedom += static_cast<double>(same.size() - 1);
+    }
+    detail.repeatability_deg = freedom > 0.0 ? std::sqrt(squares / freedom) : Solution::kNaN;
+
+    detail.forward_minus_backward_deg = direction_effect(v, a, solver_place);
+  }
+  return out;
+}
+
+PairedComparison compare(const Visited& v, const Evaluation& evaluation, std::size_t first,
+                         std::size_t other) {
+  PairedComparison out;
+  out.scenario = v.scenario;
+  out.first = evaluation.solvers[first];
+  out.other = evaluation.solvers[other];
+  std::size_t nearer = 0;
+  for (const Visit& visit : v.visits) {
+    const PoseResult &a = visit.pose->results[first], &b = visit.pose->results[other];
+    if (a.measured && b.measured) {
+      ++out.poses;
+      nearer += squared(b.error) < squared(a.error);
+    } else {
+      out.only_first += a.measured;
+      out.only_other += b.measured;
+    }
+  }
+  out.share_other_nearer = out.poses == 0
+                               ? Solution::kNaN
+                               : static_cast<double>(nearer) / static_cast<double>(out.poses);
+  const auto of = [&](std::size_t solver) {
+    return sums_of(v, [&, solver](const Visit& visit) {
+      const auto& r = visit.pose->results;
+      return r[first].measured && r[other].measured ? squared(r[solver].error) : Solution::kNaN;
+    });
+  };
+  out.change_deg =
+      clustered<2>({of(first), of(other)}, [](const auto& s) { return rms(s[1]) - rms(s[0]); });
+  return out;
+}
+
+Iso230 iso230_of(const Visited& v, std::size_t solver_place, const Solver* solver, AxisId axis) {
+  Iso230 out;
+  out.scenario = v.scenario;
+  out.solver = solver;
+  out.axis = axis;
+  const std::size_t told =
+      static_cast<std::size_t>(std::ranges::find(kToldAxes, axis) - kToldAxes.begin());
+  struct OneWay {
+    double mean, s;
+  };
+  struct Position {
+    std::optional<OneWay> up, down;
+  };
+  std::vector<Position> positions;
+  std::size_t fewest = std::numeric_limits<std::size_t>::max();
+  for (const std::vector<std::size_t>& group : v.by_angles) {
+    const auto one_way = [&](int direction) -> std::optional<OneWay> {
+      std::vector<double> deviations;
+      for (const std::size_t k : group)
+        if (const Visit& visit = v.visits[k];
+            visit.direction[told] == direction && visit.pose->results[solver_place].measured)
+          deviations.push_back(error_of(visit.pose->results[solver_place].error, axis));
+      if (deviations.empty()) return {};
+      fewest = std::min(fewest, deviations.size());
+      return OneWay{mean(deviations), standard_deviation(deviations)};
+    };
+    Position p{one_way(1), one_way(-1)};
+    if (p.up || p.down) positions.push_back(p);
+  }
+  out.positions = positions.size();
+  if (positions.empty()) return out;
+  out.approaches = static_cast<int>(fewest);
+  // The first position is the end where a sweep turns round: it may know one direction only.
+  out.bidirectional =
+      std::ranges::any_of(positions, [](const Position& p) { return p.up && p.down; });
+
+  double lowest = 1e300, highest = -1e300, lowest_limit = 1e300, highest_limit = -1e300;
+  double lowest_mean = 1e300, highest_mean = -1e300, largest_spread = 0.0, largest_reversal = 0.0;
+  for (const Position& p : positions) {
+    if (out.bidirectional && !(p.up && p.down)) continue;
+    for (const auto& way : {p.up, p.down}) {
+      if (!way) continue;
+      lowest = std::min(lowest, way->mean);
+      highest = std::max(highest, way->mean);
+      lowest_limit = std::min(lowest_limit, way->mean - 2.0 * way->s);
+      highest_limit = std::max(highest_limit, way->mean + 2.0 * way->s);
+      largest_spread = std::max(largest_spread, 4.0 * way->s);
+    }
+    if (p.up && p.down) {
+      const double reversal = p.up->mean - p.down->mean, middle = 0.5 * (p.up->mean + p.down->mean);
+      largest_reversal = std::max(largest_reversal, std::abs(reversal));
+      largest_spread =
+          std::max(largest_spread, 2.0 * p.up->s + 2.0 * p.down->s + std::abs(reversal));
+      lowest_mean = std::min(lowest_mean, middle);
+      highest_mean = std::max(highest_mean, middle);
+    }
+  }
+  out.systematic_deg = highest - lowest;
+  if (out.approaches > 1) {  // of one approach nothing is known of s
+    out.accuracy_deg = highest_limit - lowest_limit;
+    out.repeatability_deg = largest_spread;
+  }
+  if (out.bidirectional) {
+    out.mean_range_deg = highest_mean - lowest_mean;
+    out.reversal_deg = largest_reversal;
+  }
+  return out;
+}
+
+}  // namespace
+
+std::vector<ScenarioStatistics> scenario_statistics(const Evaluation& evaluation) {
+  const std::vector<Visited> scenarios = visited_scenarios(evaluation);
+  const std::size_t solvers = evaluation.solvers.size();
+  std::vector<ScenarioStatistics> out(scenarios.size() * solvers);
+  parallel_for(out.size(), [&](std::size_t i) {
+    out[i] = statistics_of(scenarios[i / solvers], i % solvers, evaluation.solvers[i % solvers]);
+  });
+  return out;
+}
+
+PairedComparison::Verdict PairedComparison::verdict() const {
+  if (change_deg.interval.upper < 0.0) return Verdict::kBetter;
+  if (change_deg.interval.lower > 0.0) return Verdict::kWorse;
+  return Verdict::kCannotTell;
+}
+
+std::vector<PairedComparison> paired_comparisons(const Evaluation& evaluation) {
+  const std::vector<Visited> scenarios = visited_scenarios(evaluation);
+  struct Pair {
+    std::size_t scenario, first, other;
+  };
+  std::vector<Pair> pairs;
+  for (std::size_t s = 0; s < scenarios.size(); ++s)
+    for (std::size_t a = 0; a < evaluation.solvers.size(); ++a)
+      for (std::size_t b = a + 1; b < evaluation.solvers.size(); ++b) pairs.push_back({s, a, b});
+  std::vector<PairedComparison> out(pairs.size());
+  parallel_for(pairs.size(), [&](std::size_t i) {
+    out[i] = compare(scenarios[pairs[i].scenario], evaluation, pairs[i].first, pairs[i].other);
+  });
+  return out;
+}
+
+std::vector<Iso230> iso230(const Evaluation& evaluation, const Plan& plan) {
+  std::vector<Iso230> out;
+  for (const Visited& v : visited_scenarios(evaluation)) {
+    const ScenarioInfo& info = plan.scenarios[v.scenario];
+    if (info.axes.size() != 1) continue;
+    for (std::size_t k = 0; k < evaluation.solvers.size(); ++k)
+      out.push_back(iso230_of(v, k, evaluation.solvers[k], info.axes.front()));
+  }
+  return out;
+}
+
+}  // namespace turntable

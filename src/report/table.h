@@ -1,0 +1,55 @@
+// A table as the report writes it: CSV with units in its header, Markdown and LaTeX, from one set of
+// rows.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "src/evaluation/statistics.h"
+
+namespace turntable {
+
+struct Column {
+  std::string csv;    ///< header in the CSV file, with its unit: "rmse_yaw_deg"; of an interval the
+                      ///< stem, to which _lower and _upper are added before the unit
+  std::string title;  ///< in Markdown and LaTeX: "RMSE yaw / deg"; empty: CSV only
+  int decimals = 4;   ///< to be read; CSV has two more
+};
+
+/// Nothing, text, a whole number, a number, a number with decimals of its own, or one with its interval.
+struct Rounded {
+  double value;
+  int decimals;  ///< everywhere: digits beyond were never known
+};
+using Cell = std::variant<std::monostate, std::string, std::int64_t, double, Rounded, WithInterval>;
+
+struct Table {
+  std::string name;   ///< file stem
+  std::string title;  ///< one line
+  std::vector<Column> columns;
+  std::vector<std::vector<Cell>> rows;  ///< a cell for every column
+};
+
+/// A table that was written.
+struct WrittenTable {
+  std::string name;
+  std::string title;
+  std::string markdown;  ///< the table itself
+};
+
+std::string table_csv(const Table& table);
+/// GitHub's tables; numbers to the right; "-" for a value that is not finite.
+std::string table_markdown(const Table& table);
+/// One tabular environment that needs no package.
+std::string table_latex(const Table& table);
+
+/// Text for LaTeX: its special characters escaped.
+std::string latex_text(std::string_view text);
+
+/// Writes <folder>/<name>.{csv,md,tex}. @throws RecordError.
+WrittenTable write_table(const Table& table, const std::filesystem::path& folder);
+
+}  // namespace turntable
