@@ -120,7 +120,7 @@ TEST(RigModel, GivesAGimbalWithItsAxes) {
   p.table_from_target_deg.setZero();
   p.stage_squareness_deg.setZero();
   const Eigen::VectorXd values = model.values(p);
-  const TablePosition at{0.0, {0.3, -0.2, 0.4}}, zero{};
+  const TablePosition at{0.0, {0.3, -0.2, 0.4}};
   const Matrix3d X = rotation_from_vector(p.plane_from_gimbal_deg / kDegPerRad);
   const Matrix3d R = model.gimbal(values).rotation(at.angles);
   const Vector3d from_m0 =
