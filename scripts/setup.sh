@@ -10,7 +10,7 @@ packages=(
   nlohmann-json3-dev libvalijson-dev libcli11-dev libfmt-dev libspdlog-dev
   libboost-dev libserialport-dev libmodbus-dev libssl-dev zlib1g-dev
   libaravis-dev libusb-1.0-0-dev  # aravis-0.8.pc asks for libusb
-  libgtest-dev libgmock-dev libbenchmark-dev mbpoll python3-minimal  # the last two: peers in tests
+  libceres-dev libgtest-dev libgmock-dev libbenchmark-dev mbpoll python3-minimal  # the last two: peers in tests
   gnuplot-nox fonts-dejavu-core
 )
 

@@ -8,12 +8,23 @@ namespace {
 
 Vector3d radians(const Vector3d& deg) { return deg / kDegPerRad; }
 
+/// The drawn axes, each turned by its hidden error. What a rig file believes to have identified is
+/// no truth of the world's.
+Gimbal real_gimbal(const RigFile& rig) {
+  GimbalConfig drawn = rig.gimbal;
+  drawn.plane_from_gimbal_deg = drawn.axis_tilt_deg = Vector3d::Zero();
+  std::array<Vector3d, 3> axes = drawn.axes;
+  for (std::size_t i = 0; i < axes.size(); ++i)
+    axes[i] = rotation_from_vector(radians(rig.simulation->axis_errors_deg[i])) * axes[i];
+  return Gimbal(drawn).turning_about(axes);
+}
+
 }  // namespace
 
 World::World(const RigFile& rig, std::function<double(AxisId)> true_position)
     : rig_(rig),
       truth_(rig.simulation.value()),
-      gimbal_(rig.gimbal),
+      gimbal_(real_gimbal(rig)),
       lens_(truth_.lens),
       true_position_(std::move(true_position)) {
   // Looking straight down: image right is +x, image down is -y, forward is -z of the plane frame.
@@ -25,7 +36,7 @@ World::World(const RigFile& rig, std::function<double(AxisId)> true_position)
 World::Pose World::payload_pose() const {
   GimbalAngles angles;
   for (const AxisId axis : kRotaryAxes) angles[axis] = rad_from_deg(true_position_(axis));
-  const double travel = true_position_(AxisId::kStage);
+  const double travel = truth_.stage_scale * true_position_(AxisId::kStage);
   const Vector2d lean(std::tan(rad_from_deg(truth_.stage_squareness_deg.x())),
                       std::tan(rad_from_deg(truth_.stage_squareness_deg.y())));
   const Vector3d centre =

@@ -49,6 +49,7 @@ class Reader {
            "and /gimbal/centre_at_stage_zero_mm do not add up to zero: the plane frame's origin "
            "is the pattern's origin circle at stage position 0 and zero angles.");
     rig.target = target();
+    rig.tolerances = tolerances();
     if (json_.contains("calibration")) {
       const Json& c = json_.at("calibration");
       if (c.contains("file")) rig.calibration.file = folder_ / c.at("file").get<std::string>();
@@ -409,6 +410,8 @@ class Reader {
            "the three axes are not at right angles. State nominal directions; small errors of "
            "the real axes are the business of the evaluation.");
     gimbal.centre_at_stage_zero_mm = vector3(g.at("centre_at_stage_zero_mm"));
+    gimbal.plane_from_gimbal_deg = vector3_or_zero(g, "plane_from_gimbal_deg");
+    gimbal.axis_tilt_deg = vector3_or_zero(g, "axis_tilt_deg");
     return gimbal;
   }
 
@@ -503,6 +506,24 @@ class Reader {
         if ((target.points_mm[i] - target.points_mm[j]).norm() < 2 * target.led_radius_mm)
           fail(fmt::format("/target/points_mm/{}", j), fmt::format("overlaps point {}.", i));
     return target;
+  }
+
+  ToleranceConfig tolerances() const {
+    const auto stated = [&](const char* key, Tolerance standard) -> Tolerance {
+      if (!json_.contains("tolerances") || !json_.at("tolerances").contains(key)) return standard;
+      return {number(json_.at("tolerances").at(key)), fmt::format("/tolerances/{}", key)};
+    };
+    const double target_mm = json_.at("target").value("uncertainty_mm", 0.0);
+    ToleranceConfig t;
+    t.target_mm =
+        stated("target_mm", target_mm > 0.0 ? Tolerance{target_mm, "/target/uncertainty_mm"}
+                                            : Tolerance{0.1, "default"});
+    t.squareness_deg = stated("squareness_deg", {0.25, "default"});
+    t.mounting_deg = stated("mounting_deg", {0.5, "default"});
+    t.axes_deg = stated("axes_deg", {0.05, "default"});
+    t.offset_mm = stated("offset_mm", {0.5, "default"});
+    t.stage_scale = stated("stage_scale", {1e-4, "default"});
+    return t;
   }
 
   /// One talker on a line: answers to two would be mixed. A Modbus gateway keeps its clients apart.
@@ -660,6 +681,11 @@ class Reader {
     sim.plane_from_gimbal_deg = vector3_or_zero(s, "plane_from_gimbal_deg");
     sim.table_from_target_deg = vector3_or_zero(s, "table_from_target_deg");
     sim.target_offset_error_mm = vector3_or_zero(s, "target_offset_error_mm");
+    if (s.contains("axis_errors_deg"))
+      for (std::size_t i = 0; i < kRotaryAxes.size(); ++i)
+        sim.axis_errors_deg[i] =
+            vector3_or_zero(s.at("axis_errors_deg"), axis_name(kRotaryAxes[i]).data());
+    sim.stage_scale = s.value("stage_scale", 1.0);
     sim.target_errors_mm.assign(rig.target.points_mm.size(), Vector3d::Zero());
     if (s.contains("target_errors_mm")) {
       const Json& errors = s.at("target_errors_mm");

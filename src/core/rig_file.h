@@ -148,6 +148,13 @@ struct GimbalConfig {
   /// Unit vectors in the plane frame at zero angles, by order of kRotaryAxes (yaw, roll, pitch).
   std::array<Vector3d, 3> axes;
   Vector3d centre_at_stage_zero_mm = Vector3d::Zero();  ///< plane frame
+  // What was found out about the real axes (`turntable identify`); they leave `axes`, in which
+  // attitudes are stated, as they are.
+  /// Rotation vector: the gimbal's frame against the plane frame.
+  Vector3d plane_from_gimbal_deg = Vector3d::Zero();
+  /// Angles by which the real axes miss right angles, base outwards: the second leans towards the
+  /// first, the third towards the first, the third towards the second.
+  Vector3d axis_tilt_deg = Vector3d::Zero();
 };
 
 /// kCircles: four bigger circles give direction. kCircleGrid: all equal. kAsymmetricCircles: every
@@ -177,6 +184,22 @@ struct TargetConfig {
   double led_radius_mm{};
   Vector3d offset_mm = Vector3d::Zero();  ///< M0 from the gimbal centre at zero angles
   double uncertainty_mm = 0.0;  ///< standard uncertainty of each coordinate; 0 = not stated
+};
+
+/// A standard uncertainty and where it is stated.
+struct Tolerance {
+  double sd = 0.0;
+  std::string source;  ///< JSON pointer in the rig file, or "default"
+};
+
+/// How far the real rig may be from its drawings: what self-calibration starts from.
+struct ToleranceConfig {
+  Tolerance target_mm;       ///< each coordinate of an LED from M0
+  Tolerance squareness_deg;  ///< lean of the stage's travel, towards x and towards y
+  Tolerance mounting_deg;    ///< gimbal against the plane frame, target against its table; per axis
+  Tolerance axes_deg;        ///< each angle between two rotary axes
+  Tolerance offset_mm;       ///< gimbal centre, and M0 from it; each coordinate
+  Tolerance stage_scale;     ///< of the travel, 1
 };
 
 /// A thin-walled lens that no camera model under test contains exactly: radial polynomial,
@@ -219,6 +242,9 @@ struct SimulationConfig {
   Vector3d table_from_target_deg = Vector3d::Zero();  ///< rotation vector: target against the table
   std::vector<Vector3d> target_errors_mm;             ///< real minus drawn LED positions
   Vector3d target_offset_error_mm = Vector3d::Zero();
+  /// Rotation vector of each axis's real direction against its stated one, by order of kRotaryAxes.
+  std::array<Vector3d, 3> axis_errors_deg{Vector3d::Zero(), Vector3d::Zero(), Vector3d::Zero()};
+  double stage_scale = 1.0;  ///< real over stated travel
   std::map<AxisId, AxisTruth> axes;
   ImageTruth image;
 };
@@ -281,6 +307,7 @@ struct RigFile {
   GimbalConfig gimbal;
   PatternConfig pattern;
   TargetConfig target;
+  ToleranceConfig tolerances;
   CalibrationSource calibration;
   TelemetryConfig telemetry;
   InspectionConfig inspection;

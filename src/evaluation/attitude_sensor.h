@@ -98,6 +98,8 @@ class AttitudeSensor {
 
   /// Ray of a pixel through this sensor's camera; NaN where the model has none.
   Ray ray(const Vector2d& pixel_px) const;
+  /// How a spot of this covariance moves it.
+  RaySpread spread(const Vector2d& pixel_px, const Eigen::Matrix2d& covariance_px2) const;
   /// The uncertainty of the rays is known: `uncertainty` counts it.
   bool states_rays() const {
     return central_ == nullptr && calibration_.irt.covariance().size() > 0;
@@ -114,7 +116,6 @@ class AttitudeSensor {
             Look& look) const;
   Eigen::MatrixXd target_covariance(double sigma_mm) const;
   bool sees_rays() const { return solver_.sight == Sight::kRays; }
-  RaySpread spread(const Vector2d& pixel_px, const Eigen::Matrix2d& covariance_px2) const;
 
   const Calibration& calibration_;
   const TargetModel& target_;

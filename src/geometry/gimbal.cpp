@@ -4,6 +4,8 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "src/core/units.h"
+
 namespace turntable {
 
 double& GimbalAngles::operator[](AxisId axis) {
@@ -24,6 +26,11 @@ double GimbalAngles::operator[](AxisId axis) const {
   return const_cast<GimbalAngles&>(*this)[axis];
 }
 
+std::array<Vector3d, 3> tilted_axes(const std::array<Vector3d, 3>& axes, const Vector3d& tilt_rad) {
+  return {axes[0], (axes[1] + tilt_rad(0) * axes[0]).normalized(),
+          (axes[2] + tilt_rad(1) * axes[0] + tilt_rad(2) * axes[1]).normalized()};
+}
+
 Gimbal::Gimbal(const GimbalConfig& config)
     : order_(config.order_base_outwards), centre_at_zero_(config.centre_at_stage_zero_mm) {
   for (std::size_t i = 0; i < 3; ++i) {
@@ -34,12 +41,27 @@ Gimbal::Gimbal(const GimbalConfig& config)
   if (std::abs(std::abs(volume) - 1.0) > 1e-9)
     throw std::invalid_argument("gimbal axes are not orthogonal");
   handedness_ = volume > 0 ? 1.0 : -1.0;
+  real_ = axes_;
+  if (!config.axis_tilt_deg.isZero(0.0))
+    real_ = tilted_axes(axes_, config.axis_tilt_deg / kDegPerRad);
+  if (!config.plane_from_gimbal_deg.isZero(0.0))
+    for (Vector3d& axis : real_)
+      axis = rotation_from_vector(config.plane_from_gimbal_deg / kDegPerRad) * axis;
+}
+
+Gimbal Gimbal::turning_about(const std::array<Vector3d, 3>& axes) const {
+  Gimbal out = *this;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const auto slot = std::ranges::find(kRotaryAxes, order_[i]) - kRotaryAxes.begin();
+    out.real_[i] = axes[static_cast<std::size_t>(slot)].normalized();
+  }
+  return out;
 }
 
 Matrix3d Gimbal::rotation(const GimbalAngles& angles) const {
   Matrix3d R = Matrix3d::Identity();
   for (std::size_t i = 0; i < 3; ++i)
-    R = R * Eigen::AngleAxisd(angles[order_[i]], axes_[i]).toRotationMatrix();
+    R = R * Eigen::AngleAxisd(angles[order_[i]], real_[i]).toRotationMatrix();
   return R;
 }
 

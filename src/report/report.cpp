@@ -55,6 +55,10 @@ std::string simulation_budget(const RigFile& rig) {
   }
   row("stage squareness",
       fmt::format("({:g}, {:g}) deg", s.stage_squareness_deg.x(), s.stage_squareness_deg.y()));
+  row("stage travel", fmt::format("{:g} of what is stated", s.stage_scale));
+  for (std::size_t i = 0; i < kRotaryAxes.size(); ++i)
+    row(fmt::format("direction of the {} axis", axis_name(kRotaryAxes[i])),
+        fmt::format("turned by {} deg", vector_text(s.axis_errors_deg[i])));
   row("gimbal against plane frame", vector_text(s.plane_from_gimbal_deg) + " deg");
   row("target on its table",
       fmt::format("turned by {} deg, shifted by {} mm", vector_text(s.table_from_target_deg),

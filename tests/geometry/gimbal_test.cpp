@@ -142,6 +142,39 @@ TEST(Gimbal, the_stage_carries_the_centre_along_z) {
   EXPECT_EQ(Gimbal(config).centre_mm(100.0), Vector3d(1, 2, 103));
 }
 
+TEST(Gimbal, turns_about_tilted_axes_and_decomposes_by_the_stated_ones) {
+  GimbalConfig config = default_config();
+  config.axis_tilt_deg = {0.1, -0.2, 0.3};
+  const Gimbal tilted(config), drawn(default_config());
+  const double rad = std::numbers::pi / 180.0;
+  // Yaw, roll, pitch = z, y, x: roll leans towards yaw, pitch towards yaw and towards roll.
+  const Vector3d roll = Vector3d(0, 1, 0.1 * rad).normalized();
+  const Vector3d pitch = Vector3d(1, 0.3 * rad, -0.2 * rad).normalized();
+  const GimbalAngles angles{0.3, -0.4, 0.5};
+  const Matrix3d expected = Eigen::AngleAxisd(0.3, Vector3d::UnitZ()).toRotationMatrix() *
+                            Eigen::AngleAxisd(-0.4, roll).toRotationMatrix() *
+                            Eigen::AngleAxisd(0.5, pitch).toRotationMatrix();
+  EXPECT_LT((tilted.rotation(angles) - expected).cwiseAbs().maxCoeff(), 1e-12);
+  EXPECT_LT((drawn.rotation(tilted.angles(expected)) - expected).cwiseAbs().maxCoeff(), 1e-12);
+  // By order of yaw, roll, pitch.
+  EXPECT_LT((drawn.turning_about({Vector3d::UnitZ(), roll, pitch}).rotation(angles) - expected)
+                .cwiseAbs()
+                .maxCoeff(),
+            1e-12);
+}
+
+TEST(Gimbal, a_turned_gimbal_turns_its_attitudes) {
+  GimbalConfig config = default_config();
+  config.plane_from_gimbal_deg = {0.4, -0.3, 0.2};
+  const Matrix3d X = rotation_from_vector(config.plane_from_gimbal_deg * std::numbers::pi / 180.0);
+  const GimbalAngles angles{0.3, -0.4, 0.5};
+  EXPECT_LT((Gimbal(config).rotation(angles) -
+             X * Gimbal(default_config()).rotation(angles) * X.transpose())
+                .cwiseAbs()
+                .maxCoeff(),
+            1e-12);
+}
+
 TEST(Gimbal, the_stage_has_no_angle) {
   GimbalAngles angles;
   EXPECT_THROW(angles[AxisId::kStage] = 1.0, std::out_of_range);

@@ -38,6 +38,30 @@ TEST(World, PositiveYawTurnsXTowardsYInThePlaneFrame) {
   EXPECT_LT((R * Vector3d::UnitX() - Vector3d::UnitY()).norm(), 1e-12);
 }
 
+TEST(World, TurnsAboutAxesThatAreNotAtRightAngles) {
+  RigFile rig = shipped_rig("ideal");
+  rig.simulation->axis_errors_deg[1] = Vector3d(0.5, 0, 0);  // roll: y leans towards z
+  SimulatedView view(rig);
+  view.world().mount(Payload::kCirclePattern);
+  view.stand(120, 0, 0, 0);
+  const Matrix3d R0 = view.world().payload_pose().R_camera_from_payload;
+  view.stand(120, 0, 20, 0);
+  const Vector3d turn =
+      vector_from_rotation(R0.transpose() * view.world().payload_pose().R_camera_from_payload);
+  const Vector3d axis(0, std::cos(0.5 / kDegPerRad), std::sin(0.5 / kDegPerRad));
+  EXPECT_LT((turn.normalized() - axis).norm(), 1e-9);
+}
+
+TEST(World, StageTravelsByItsRealScale) {
+  RigFile rig = shipped_rig("ideal");
+  rig.simulation->stage_scale = 1.01;
+  SimulatedView view(rig);
+  view.stand(0, 0, 0, 0);
+  const double far = view.world().payload_pose().origin_in_camera.z();
+  view.stand(100, 0, 0, 0);
+  EXPECT_NEAR(far - view.world().payload_pose().origin_in_camera.z(), 101, 1e-9);
+}
+
 TEST(Renderer, GivesTheSameImageForTheSameFrameAndAnotherForTheNext) {
   SimulatedView one(shipped_rig("simulated")), two(shipped_rig("simulated"));
   one.stand(120, 10, 5, -5);
