@@ -148,7 +148,7 @@ class SvgInliner {
       }
       element(tag);
     }
-    if (element_ != figure_.elements.size()) linked_ = false;
+    if (!figure_.elements.empty() && element_ != figure_.elements.size()) linked_ = false;
     if (!linked_) out_.insert(4, " class=\"unlinked\"");  // behind "<svg"
     return out_;
   }
@@ -192,7 +192,7 @@ class SvgInliner {
     }
     uses_ = 0;
     names_ = false;
-    out_ += "<g>";
+    out_ += "<g class=\"plot\">";
     groups_.back().content = out_.size();
     groups_.back().element = true;
   }

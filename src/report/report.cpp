@@ -121,20 +121,21 @@ std::string summary_text(const RunRecord& record, const Evaluation& evaluation,
                       all[first].rmse_deg());
     md += ".**";
   }
-  md += "\n\n| total RMSE / deg |";
-  std::string line = "|---|";
+  md += "\n\n| total RMSE / deg | all | poses | failed |";
+  std::string line = "|---|--:|--:|--:|";
   for (const std::size_t s : scenarios) {
     md += fmt::format(" {} |", record.plan.scenarios[s].name);
     line += "--:|";
   }
-  md += " all | poses | failed |\n" + line + "--:|--:|--:|\n";
+  md += "\n" + line + "\n";
   const auto cell = [](const Total& t) {
     return std::isfinite(t.rmse_deg()) ? fmt::format(" {:.4f} |", t.rmse_deg()) : " - |";
   };
   for (const Solver* solver : evaluation.solvers) {
-    md += fmt::format("| `{}` |", solver->name);
+    const Total& t = all[solver];
+    md += fmt::format("| `{}` |{} {} | {} |", solver->name, cell(t), t.poses, t.failed);
     for (const std::size_t s : scenarios) md += cell(totals[solver][s]);
-    md += cell(all[solver]) + fmt::format(" {} | {} |\n", all[solver].poses, all[solver].failed);
+    md += "\n";
   }
   return md + "\n";
 }
