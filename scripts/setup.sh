@@ -8,10 +8,11 @@ packages=(
   libeigen3-dev libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev libopencv-calib3d-dev
   libopencv-videoio-dev
   nlohmann-json3-dev libvalijson-dev libcli11-dev libfmt-dev libspdlog-dev
-  libboost-dev libserialport-dev libmodbus-dev libssl-dev zlib1g-dev
+  libboost-dev libserialport-dev libmodbus-dev libssl-dev zlib1g-dev libmd4c-dev libmd4c-html0-dev
   libaravis-dev libusb-1.0-0-dev  # aravis-0.8.pc asks for libusb
   libceres-dev libgtest-dev libgmock-dev libbenchmark-dev mbpoll python3-minimal  # the last two: peers in tests
   gnuplot-nox fonts-dejavu-core
+  chromium poppler-utils  # prints the report as PDF; looks at its pages in tests
 )
 
 missing=()

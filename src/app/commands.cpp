@@ -313,7 +313,7 @@ AcquireSummary take_poses(const Taking& taking, std::optional<RunFolder>& folder
 
 /// Takes the poses and evaluates the run. @return exit code.
 int take_and_finish(const Taking& taking, const EvaluateOptions& options,
-                    const std::vector<RunFolder>& beside) {
+                    const std::vector<RunFolder>& beside, bool pdf) {
   std::optional<RunFolder> made;
   const AcquireSummary summary = take_poses(taking, made);
   const RunFolder& folder = *made;
@@ -329,7 +329,8 @@ int take_and_finish(const Taking& taking, const EvaluateOptions& options,
         "beside failed ones have a complaint (see report.md)\n",
         summary.retakes, summary.trigger_retries, summary.doubtful);
   try {
-    const int code = write_outputs(folder, {taking.calibration, options, beside}, Rewrite::kAll);
+    const int code =
+        write_outputs(folder, {taking.calibration, options, beside, pdf}, Rewrite::kAll);
     return code == kDone && summary.failed > 0 ? kFailedPoses : code;
   } catch (const Interrupted&) {
     throw;
@@ -451,7 +452,7 @@ int run_command(const RunArguments& a) {
 
   Taking taking{a, fmt::format("run {}", a.scenario.string()), rig_file, plan, root, camera.loaded};
   taking.options.archive = archive;
-  return take_and_finish(taking, options, beside);
+  return take_and_finish(taking, options, beside, !a.no_pdf);
 }
 
 int resume_command(const ResumeArguments& a) {
@@ -506,7 +507,7 @@ int resume_command(const ResumeArguments& a) {
   if (before.complete()) {
     for (const std::string& change : changes) spdlog::warn("{}", change);
     fmt::print("Nothing is left to take.\n");
-    return write_outputs(folder, {loaded, options, {}}, Rewrite::kAll);
+    return write_outputs(folder, {loaded, options, {}, false}, Rewrite::kAll);
   }
   Taking taking{a, fmt::format("resume {}", a.run.string()), rig_file, plan, a.run, loaded};
   taking.accepts_changes = a.accept_changes;
@@ -527,7 +528,7 @@ int resume_command(const ResumeArguments& a) {
     for (const std::size_t index : *list) rest.poses.push_back(plan.poses[index]);
   fmt::print("{}", plan_summary(
                        rest, check_plan(rest, rig_file, {taking.options.archive, folder.root()})));
-  return take_and_finish(taking, options, {});
+  return take_and_finish(taking, options, {}, false);
 }
 
 int tell_command(const fs::path& run, const std::string& word) {
@@ -559,15 +560,17 @@ int evaluate_command(const EvaluateArguments& a) {
   refuse_if_taken(a.run);
   std::optional<Calibration> given;
   if (!a.calibration.empty()) given = load_calibration(a.calibration);
-  return write_outputs(folder, {given, solvers_named(a.solvers), {}}, Rewrite::kAll);
+  return write_outputs(folder, {given, solvers_named(a.solvers), {}, false}, Rewrite::kAll);
 }
 
-int report_command(const std::vector<fs::path>& runs) {
+int report_command(const ReportArguments& a) {
+  const std::vector<fs::path>& runs = a.runs;
   int code = kDone;
   for (const fs::path& run : runs) {
     const RunFolder folder = RunFolder::open(run);
     refuse_if_taken(run);
     OutputOptions options;
+    options.pdf = !a.no_pdf;
     if (fs::exists(folder.calibration()))
       options.calibration = load_calibration(folder.calibration());
     options.evaluate.solvers = read_evaluation_record(folder, load_plan(folder.plan())).solvers;

@@ -42,6 +42,7 @@ struct RunArguments : TakeArguments {
   std::vector<std::filesystem::path> beside;  ///< earlier runs whose cameras the report sets beside
   std::string images = "regions";
   bool dry_run = false, ask_devices = false;
+  bool no_pdf = false;
 };
 int run_command(const RunArguments& a);
 
@@ -78,7 +79,11 @@ struct EvaluateArguments {
 };
 int evaluate_command(const EvaluateArguments& a);
 
-int report_command(const std::vector<std::filesystem::path>& runs);
+struct ReportArguments {
+  std::vector<std::filesystem::path> runs;
+  bool no_pdf = false;
+};
+int report_command(const ReportArguments& a);
 
 // ---- attitudes without a rig (attitude_commands.cpp)
 

@@ -168,6 +168,10 @@ int main(int argc, char** argv) {
     verb.add_flag("--assume-mounted", a.assume_mounted,
                   "do not ask when the payload has to be changed");
   };
+  const auto without_pdf = [](CLI::App& verb, bool& no_pdf) {
+    verb.add_flag("--no-pdf", no_pdf, "do not print report.html as report.pdf (with Chromium)")
+        ->envname("TURNTABLE_NO_PDF");
+  };
   RunArguments run;
   auto* run_verb = app.add_subcommand(
       "run", "Run a scenario or campaign: move, trigger, calibrate, evaluate, report");
@@ -181,6 +185,7 @@ int main(int argc, char** argv) {
                        "cameras and solvers beside this one's");
   run_verb->add_option("--images", run.images, image_modes)->capture_default_str();
   takes_poses(*run_verb, run);
+  without_pdf(*run_verb, run.no_pdf);
   run_verb->add_flag("--dry-run", run.dry_run, "check everything, move nothing, write nothing");
   run_verb->add_flag("--ask-devices", run.ask_devices, asks);
   run_verb->footer(
@@ -230,7 +235,7 @@ int main(int argc, char** argv) {
   verify_verb->footer(
       "Example:\n  turntable verify results/runs/20260131T120000Z-quick\n\nCalibration, poses.csv "
       "and tables are made again in a temporary folder (TMPDIR) and compared byte for byte;\n"
-      "figures and report.md are not. Exit code 4 if anything is damaged or differs.");
+      "figures and the report are not. Exit code 4 if anything is damaged or differs.");
   verify_verb->callback([&] { code = guarded([&] { return verify_command(verify); }); });
 
   EvaluateArguments evaluate;
@@ -244,16 +249,17 @@ int main(int argc, char** argv) {
       "posit,aopit_ray");
   evaluate_verb->callback([&] { code = guarded([&] { return evaluate_command(evaluate); }); });
 
-  std::vector<std::filesystem::path> reports;
-  auto* report_verb =
-      app.add_subcommand("report", "Write tables, figures and report.md again from stored points");
+  ReportArguments report;
+  auto* report_verb = app.add_subcommand(
+      "report", "Write tables, figures and report (HTML, PDF, Markdown) again from stored points");
   report_verb
-      ->add_option("runs", reports,
+      ->add_option("runs", report.runs,
                    "run folders; the first one's table of cameras and solvers has the others' "
                    "beside it")
       ->required();
+  without_pdf(*report_verb, report.no_pdf);
   report_verb->footer("Example:\n  turntable report results/runs/20260131T120000Z-quick");
-  report_verb->callback([&] { code = guarded([&] { return report_command(reports); }); });
+  report_verb->callback([&] { code = guarded([&] { return report_command(report); }); });
 
   StudyArguments study;
   auto* study_verb = app.add_subcommand(

@@ -13,6 +13,7 @@
 #include "src/evaluation/calibrate.h"
 #include "src/record/atomic_file.h"
 #include "src/record/sha256.h"
+#include "src/report/pdf.h"
 #include "src/report/report.h"
 
 namespace turntable {
@@ -146,6 +147,16 @@ int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrit
     spdlog::warn("{} results failed; poses.csv and report.md say which and why.", failed);
   if (made.rig.simulated())
     fmt::print("These results are simulated (seed {}).\n", made.rig.simulation->seed);
+  fs::path pdf = report;
+  pdf.replace_extension(".pdf");
+  std::error_code ignored;
+  fs::remove(pdf, ignored);
+  if (options.pdf) {
+    if (const auto trouble = print_pdf(report, pdf))
+      spdlog::warn("{}", *trouble);
+    else
+      fmt::print("printed: {}\n", pdf.string());
+  }
   fmt::print("report: {}\n", report.string());
   return failed > 0 ? kFailedPoses : kDone;
 }

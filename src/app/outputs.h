@@ -1,5 +1,5 @@
 // Everything that follows from the images of a run: calibration, poses.csv, tables/, figures/,
-// report.md. Made by run, resume, evaluate and report, and made again by verify, all in one way.
+// report.md and report.html. Made by run, resume, evaluate and report, and made again by verify, all in one way.
 #pragma once
 
 #include <optional>
@@ -17,6 +17,7 @@ struct OutputOptions {
   std::optional<Calibration> calibration;
   EvaluateOptions evaluate;
   std::vector<RunFolder> beside;  ///< runs whose cameras are set beside this one's
+  bool pdf = false;               ///< also print report.pdf
 };
 
 /// What is written, before it is.
@@ -34,8 +35,8 @@ enum class Rewrite {
   kAll,     ///< also calibration.json and poses.csv
   kTables,  ///< these stay: tables, figures and report only
 };
-/// Makes and writes them, and evaluation.json, which says how; prints what came out. @return exit
-/// code.
+/// Makes and writes them, and evaluation.json, which says how; prints what came out. A report.pdf of
+/// earlier outputs is removed. That no PDF could be printed changes no exit code. @return exit code.
 int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrite);
 
 /// How the stored outputs were made: evaluation.json.

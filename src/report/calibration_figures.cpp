@@ -72,14 +72,16 @@ void pattern_figure(const Context& to, const PatternExample& example) {
   for (const PatternPoint& p : example.points)
     if (&p != middle) nearest = std::min(nearest, (p.centre_px - middle->centre_px).norm());
   step = std::isfinite(nearest) ? nearest : 20.0;
-  const auto part = [&](double left, double right, double top, double bottom, double size) {
+  // Every other pixel of the whole image: it is drawn at about half its size, and the page carries it.
+  const auto part = [&](double left, double right, double top, double bottom, double size,
+                        const char* every) {
     return fmt::format(
         "set xrange [{}:{}]\nset yrange [{}:{}]\n"
-        "plot 'figure8_pattern.png' binary filetype=png flipy using 1:1:1 with rgbimage, "
+        "plot 'figure8_pattern.png' binary filetype=png flipy {} using 1:1:1 with rgbimage, "
         "'DATA' every ::1 using 5:6 with points pt 1 ps {} lc rgb '#D55E00', "
         "'' every ::1 using 5:6:(sprintf('%d,%d', $1, $2)) with labels offset 0,{} font 'sans,{}' "
         "textcolor rgb '#009E73'\n",
-        left, right, bottom, top, 0.6 * size, 0.7 * size, 6.0 * size);
+        left, right, bottom, top, every, 0.6 * size, 0.7 * size, 6.0 * size);
   };
   Draft draft;
   draft.figure.name = "figure8_pattern";
@@ -91,9 +93,10 @@ void pattern_figure(const Context& to, const PatternExample& example) {
   draft.commands =
       "set key off\nset size ratio -1\nunset grid\nset xlabel 'u / px'\nset ylabel 'v / px'\n"
       "set multiplot layout 1,2\n" +
-      part(-0.5, example.image.width - 0.5, -0.5, example.image.height - 0.5, 1.0) +
+      part(-0.5, example.image.width - 0.5, -0.5, example.image.height - 0.5, 1.0,
+           example.image.width > 800 ? "every 2:2" : "") +
       part(middle->centre_px.x() - 1.7 * step, middle->centre_px.x() + 1.7 * step,
-           middle->centre_px.y() - 1.7 * step, middle->centre_px.y() + 1.7 * step, 2.0) +
+           middle->centre_px.y() - 1.7 * step, middle->centre_px.y() + 1.7 * step, 2.0, "") +
       "unset multiplot\n";
   to.add(std::move(draft), csv);
 }
@@ -176,7 +179,7 @@ void residual_figures(const Context& to, const CalibrationSet& set, const SeenPl
         block + "EOD\n" + common +
         fmt::format(
             "set xrange [{}:{}]\nset yrange [{}:{}]\nset cbrange [0:*]\nset zrange [0:*]\n"
-            "set dgrid3d 40,40 splines\nset pm3d\nset multiplot layout 1,2\n"
+            "set dgrid3d 30,30 splines\nset pm3d\nset multiplot layout 1,2\n"
             "set view map\nset size ratio -1\nset contour surface\nset cntrparam levels auto 6\n"
             "splot $inside using 1:2:3 with pm3d nocontour, '' using 1:2:3 with lines lc rgb "
             "'#444444' lw 0.8 nosurface\n"
@@ -305,7 +308,7 @@ Csv orders_csv(const std::vector<OrderRow>& orders) {
 std::vector<Draft> calibration_drafts(const std::filesystem::path& folder,
                                       const Calibration& calibration,
                                       const std::optional<CalibrationSet>& set) {
-  constexpr int kSteps = 64;
+  constexpr int kSteps = 48;
   std::vector<Draft> drafts;
   const Context to{folder, calibration, drafts};
   if (set) {

@@ -55,6 +55,47 @@ std::string script_of(const Draft& draft) {
 
 }  // namespace
 
+Draft& Draft::element(std::string_view text, Element shows, std::string_view command) {
+  const bool begins = commands.empty() || commands.back() == '\n';
+  commands += fmt::format("{} {}", begins ? command : ",", text);
+  figure.elements.push_back(std::move(shows));
+  return *this;
+}
+
+Draft& Draft::end_plot() {
+  commands += "\n";
+  return *this;
+}
+
+const char* solver_colour(std::size_t place) { return kColours[place % kColours.size()]; }
+
+std::string solver_look(const Solver& solver, std::size_t place) {
+  return fmt::format("pt {} lc rgb '{}' title '{}'", place + 4, solver_colour(place), solver.name);
+}
+
+PosePoints::PosePoints(const std::vector<std::string>& columns)
+    : csv_([&] {
+        std::vector<std::string> header{"solver", "pose"};
+        header.insert(header.end(), columns.begin(), columns.end());
+        return header;
+      }()) {}
+
+Csv& PosePoints::row(const Solver& solver, std::size_t pose) {
+  poses_[&solver].push_back(pose);
+  return csv_.text(solver.name).integer(static_cast<std::int64_t>(pose));
+}
+
+void PosePoints::draw(Draft& draft, const Solver& solver, std::string_view x, std::string_view rest,
+                      std::string_view look, std::string_view command) const {
+  const auto found = poses_.find(&solver);
+  draft.element(
+      fmt::format("'DATA' every ::1 using (strcol(1) eq '{}' ? {} : 1/0):{} with points {}",
+                  solver.name, x, rest, look),
+      {std::string(solver.name),
+       found == poses_.end() ? std::vector<std::size_t>{} : found->second},
+      command);
+}
+
 std::vector<Figure> draw(const std::filesystem::path& folder, const std::vector<Draft>& drafts) {
   for (const Draft& d : drafts) write_atomically(folder / (d.figure.name + ".gp"), script_of(d));
   std::vector<Figure> figures(drafts.size());

@@ -4,9 +4,13 @@
 
 #include <array>
 #include <filesystem>
+#include <map>
 #include <string>
 #include <string_view>
 #include <vector>
+
+#include "src/attitude/solver.h"
+#include "src/record/csv.h"
 
 namespace turntable {
 
@@ -14,10 +18,18 @@ namespace turntable {
 inline constexpr std::array<const char*, 6> kColours{"#0072B2", "#D55E00", "#009E73",
                                                      "#CC79A7", "#E69F00", "#56B4E9"};
 
+/// What one element of a plot command shows: the page hides it with its solver, and finds a pose in it.
+struct Element {
+  std::string solver;              ///< name; empty: of no single solver
+  std::vector<std::size_t> poses;  ///< index of every point's pose, as they are drawn; may be empty
+};
+
 struct Figure {
   std::string name;  ///< file stem in figures/
   std::string caption;
   bool drawn = false;  ///< figures/<name>.svg exists
+  /// Of all its plot commands, in their order; empty if the figure is drawn by commands alone.
+  std::vector<Element> elements = {};
 };
 
 /// A figure being made: its data lie in <name>.csv, and gnuplot shows them.
@@ -25,6 +37,38 @@ struct Draft {
   Figure figure;
   std::string commands;  ///< the plot, with 'DATA', in quotes, for the data file
   std::string size = "900,560";
+
+  /// Adds an element to the plot command being written, or begins one ("plot", "splot") where a line
+  /// begins. gnuplot does not write into the SVG what it shows: a figure with one such element adds
+  /// all of its elements this way, and the page tells them by their order.
+  Draft& element(std::string_view text, Element shows = {}, std::string_view command = "plot");
+  /// Ends the plot command.
+  Draft& end_plot();
+};
+
+/// The colour of a solver, by its place among those of the run, in every figure.
+const char* solver_colour(std::size_t place);
+/// "pt 4 lc rgb '...' title 'posit'": its mark, colour and name.
+std::string solver_look(const Solver& solver, std::size_t place);
+
+/// The file of a figure that has one point per solver and pose: columns "solver", "pose" (index in
+/// the plan, as in poses.csv), then the figure's own. Every such figure is made with it, so that a
+/// solver can be hidden and a pose be chosen in all of them.
+class PosePoints {
+ public:
+  explicit PosePoints(const std::vector<std::string>& columns);
+  /// Begins a row: its numbers follow, and `end_row`. A row that is drawn has no empty cell among the
+  /// columns drawn: gnuplot leaves such a point out, and those behind it could not be told any more.
+  Csv& row(const Solver& solver, std::size_t pose);
+  const Csv& csv() const { return csv_; }
+  /// Adds the solver's points to the plot. @param x, rest gnuplot's columns: an expression ("$3"), and
+  /// what follows it ("4", "4:5:6") @param look behind "with points", such as `solver_look`
+  void draw(Draft& draft, const Solver& solver, std::string_view x, std::string_view rest,
+            std::string_view look, std::string_view command = "plot") const;
+
+ private:
+  Csv csv_;
+  std::map<const Solver*, std::vector<std::size_t>> poses_;
 };
 
 /// Writes the scripts and draws them on all cores. Without gnuplot, or where it fails, a figure is

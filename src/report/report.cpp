@@ -12,6 +12,8 @@
 #include "src/record/run_journal.h"
 #include "src/report/calibration_report.h"
 #include "src/report/figures.h"
+#include "src/report/html_report.h"
+#include "src/report/pose_data.h"
 #include "src/report/published.h"
 #include "src/report/tables.h"
 #include "src/report/time_report.h"
@@ -68,6 +70,79 @@ std::string simulation_budget(const RigFile& rig) {
       row(fmt::format("LED M{}", i),
           vector_text(s.target_errors_mm[i]) + " mm off its drawn place");
   return md;
+}
+
+/// Per solver the total RMSE of every scenario, all repeats together: what a reader wants to know
+/// first.
+std::string summary_text(const RunRecord& record, const Evaluation& evaluation,
+                         const Calibration& calibration) {
+  struct Total {
+    double squares = 0.0;
+    std::size_t poses = 0, failed = 0;
+    double rmse_deg() const {
+      return poses == failed ? NAN : std::sqrt(squares / static_cast<double>(poses - failed));
+    }
+    void add(const ErrorStatistics& s) {
+      if (s.poses > s.failed)
+        squares += s.rmse_total_deg * s.rmse_total_deg * static_cast<double>(s.poses - s.failed);
+      poses += s.poses;
+      failed += s.failed;
+    }
+  };
+  std::map<const Solver*, std::map<std::size_t, Total>> totals;
+  std::map<const Solver*, Total> all;
+  std::vector<std::size_t> scenarios;
+  for (const RepeatStatistics& r : repeat_statistics(evaluation)) {
+    totals[r.solver][r.scenario].add(r.statistics);
+    all[r.solver].add(r.statistics);
+    if (std::ranges::find(scenarios, r.scenario) == scenarios.end())
+      scenarios.push_back(r.scenario);
+  }
+  std::string md = fmt::format(
+      "{} of {} planned poses were taken{}.", record.poses.size(), record.plan.poses.size(),
+      record.complete()
+          ? ""
+          : fmt::format("; the run ended early ({}: {})", record.exit_status, record.reason));
+  for (const PlaneResidual& p : calibration.planes)
+    if (!p.fitted)
+      md += fmt::format(
+          " Camera: {:.4f} mm rms on the plane at {:.0f} mm that was kept out of the fit.",
+          p.rms_mm, p.z_mm);
+  if (all.empty()) return md + "\n\n";
+
+  const Solver* best = nullptr;
+  for (const Solver* s : evaluation.solvers)
+    if (std::isfinite(all[s].rmse_deg()) &&
+        (best == nullptr || all[s].rmse_deg() < all[best].rmse_deg()))
+      best = s;
+  const Solver* first = evaluation.solvers.front();
+  if (best != nullptr) {
+    md += fmt::format("\n\n**Smallest total RMSE over all scenarios: `{}`, {:.4f} deg", best->name,
+                      all[best].rmse_deg());
+    if (best != first && std::isfinite(all[first].rmse_deg()))
+      md +=
+          fmt::format("; `{}`, {}, has {:.4f} deg", first->name,
+                      first->name == "posit" ? "the paper's comparison" : "the first of the table",
+                      all[first].rmse_deg());
+    md += ".**";
+  }
+  md += "\n\n| total RMSE / deg | all | poses | failed |";
+  std::string line = "|---|--:|--:|--:|";
+  for (const std::size_t s : scenarios) {
+    md += fmt::format(" {} |", record.plan.scenarios[s].name);
+    line += "--:|";
+  }
+  md += "\n" + line + "\n";
+  const auto cell = [](const Total& t) {
+    return std::isfinite(t.rmse_deg()) ? fmt::format(" {:.4f} |", t.rmse_deg()) : " - |";
+  };
+  for (const Solver* solver : evaluation.solvers) {
+    const Total& t = all[solver];
+    md += fmt::format("| `{}` |{} {} | {} |", solver->name, cell(t), t.poses, t.failed);
+    for (const std::size_t s : scenarios) md += cell(totals[solver][s]);
+    md += "\n";
+  }
+  return md + "\n";
 }
 
 std::string failures_text(const Evaluation& evaluation, const Plan& plan) {
@@ -265,11 +340,7 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
         rig.title, rig.simulation->seed);
   else
     md += fmt::format("Rig \"{}\".\n\n", rig.title);
-  md += fmt::format(
-      "{} of {} planned poses were taken{}.\n\n", record.poses.size(), record.plan.poses.size(),
-      record.complete()
-          ? ""
-          : fmt::format("; the run ended early ({}: {})", record.exit_status, record.reason));
+  md += "## At a glance\n\n" + summary_text(record, evaluation, calibration);
 
   md +=
       "## Errors against the turntable\n\n"
@@ -319,7 +390,7 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
   for (const ClockStep& step : record.clock_steps)
     md += fmt::format("- times of day are not of one clock: journal {}\n", clock_step_text(step));
   write_atomically(folder.report(), md);
-  return folder.report();
+  return write_html(folder.report(), figures, pose_data(folder, record, evaluation));
 }
 
 }  // namespace turntable

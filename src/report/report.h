@@ -1,5 +1,5 @@
-// report.md: what was measured, how good the camera was, the tables, the figures, and what they do
-// not say.
+// report.md and report.html: what was measured, how good the camera was, the tables, the figures,
+// and what they do not say.
 #pragma once
 
 #include <filesystem>
@@ -11,9 +11,10 @@
 
 namespace turntable {
 
-/// Writes tables/, figures/ and report.md of a run. @param set what the calibration was made from;
+/// Writes tables/, figures/, report.md and report.html of a run. @param set what the calibration was made from;
 /// nothing if it came from elsewhere. @param cameras this run's comparison first, then those of runs
-/// that are set beside it. @return the report's path. @throws RecordError.
+/// that are set beside it. @return report.html's path. @throws
+/// RecordError.
 std::filesystem::path write_report(const RunFolder& folder, const RunRecord& record,
                                    const RigFile& rig, const Calibration& calibration,
                                    const std::optional<CalibrationSet>& set,
