@@ -17,7 +17,7 @@ double error_of(const PoseError& e, AxisId axis) {
   return axis == AxisId::kPitch ? e.pitch_deg : axis == AxisId::kRoll ? e.roll_deg : e.yaw_deg;
 }
 
-double squared(const PoseError& e) {
+double squared_error(const PoseError& e) {
   return e.pitch_deg * e.pitch_deg + e.roll_deg * e.roll_deg + e.yaw_deg * e.yaw_deg;
 }
 
@@ -170,12 +170,13 @@ ScenarioStatistics statistics_of(const Visited& v, std::size_t solver_place, con
   const auto result = [&](const Visit& visit) -> const PoseResult& {
     return visit.pose->results[solver_place];
   };
-  out.rmse_total_deg = clustered<1>(
-      {sums_of(v,
-               [&](const Visit& visit) {
-                 return result(visit).measured ? squared(result(visit).error) : Solution::kNaN;
-               })},
-      [](const auto& s) { return rms(s[0]); });
+  out.rmse_total_deg = clustered<1>({sums_of(v,
+                                             [&](const Visit& visit) {
+                                               return result(visit).measured
+                                                          ? squared_error(result(visit).error)
+                                                          : Solution::kNaN;
+                                             })},
+                                    [](const auto& s) { return rms(s[0]); });
   for (std::size_t a = 0; a < 3; ++a) {
     AxisDetail& detail = out.axes[a];
     const AxisId axis = kToldAxes[a];
@@ -211,7 +212,7 @@ PairedComparison compare(const Visited& v, const Evaluation& evaluation, std::si
     const PoseResult &a = visit.pose->results[first], &b = visit.pose->results[other];
     if (a.measured && b.measured) {
       ++out.poses;
-      nearer += squared(b.error) < squared(a.error);
+      nearer += squared_error(b.error) < squared_error(a.error);
     } else {
       out.only_first += a.measured;
       out.only_other += b.measured;
@@ -223,9 +224,11 @@ PairedComparison compare(const Visited& v, const Evaluation& evaluation, std::si
   const auto of = [&](std::size_t solver) {
     return sums_of(v, [&, solver](const Visit& visit) {
       const auto& r = visit.pose->results;
-      return r[first].measured && r[other].measured ? squared(r[solver].error) : Solution::kNaN;
+      return r[first].measured && r[other].measured ? squared_error(r[solver].error)
+                                                    : Solution::kNaN;
     });
   };
+  out.first_rmse_deg = clustered<1>({of(first)}, [](const auto& s) { return rms(s[0]); }).value;
   out.change_deg =
       clustered<2>({of(first), of(other)}, [](const auto& s) { return rms(s[1]) - rms(s[0]); });
   return out;
@@ -313,6 +316,9 @@ std::vector<ScenarioStatistics> scenario_statistics(const Evaluation& evaluation
 }
 
 PairedComparison::Verdict PairedComparison::verdict() const {
+  const double little = 0.01 * first_rmse_deg;
+  if (change_deg.interval.lower > -little && change_deg.interval.upper < little)
+    return Verdict::kSame;
   if (change_deg.interval.upper < 0.0) return Verdict::kBetter;
   if (change_deg.interval.lower > 0.0) return Verdict::kWorse;
   return Verdict::kCannotTell;

@@ -55,8 +55,10 @@ struct PairedComparison {
   WithInterval change_deg;                     ///< below zero: `other` is better
   double share_other_nearer = Solution::kNaN;  ///< of the poses, in [0, 1]; NaN of none
 
-  enum class Verdict { kBetter, kWorse, kCannotTell };
-  /// By the interval alone: it must not hold zero.
+  double first_rmse_deg = Solution::kNaN;  ///< over the same poses
+
+  enum class Verdict { kBetter, kWorse, kSame, kCannotTell };
+  /// By the interval alone: it must not hold zero; the same if it lies within 1 % of the first's RMSE.
   Verdict verdict() const;
 };
 

@@ -250,6 +250,7 @@ Table paired_table(const std::vector<PairedComparison>& comparisons, const Plan&
                           whole(c.only_other), c.change_deg, c.share_other_nearer,
                           std::string(verdict == Verdict::kBetter  ? "better"
                                       : verdict == Verdict::kWorse ? "worse"
+                                      : verdict == Verdict::kSame  ? "the same within 1 %"
                                                                    : "not told apart")});
   }
   return table;

@@ -119,6 +119,16 @@ TEST_F(ScenarioStatisticsTest, TheBetterSolverIsCalledBetter) {
   EXPECT_DOUBLE_EQ(c.share_other_nearer, 1.0);
 }
 
+TEST_F(ScenarioStatisticsTest, ADifferenceNobodyWouldSeeIsNone) {
+  Random random = draws_of_this_test();
+  reference();
+  for (int k = 0; k < 60; ++k) {
+    const double e = random.normal();
+    visit(k, 1, e, 0.999 * e);
+  }
+  EXPECT_EQ(paired_comparisons(evaluation).front().verdict(), PairedComparison::Verdict::kSame);
+}
+
 TEST_F(ScenarioStatisticsTest, Iso230ByHand) {
   // Two positions between the ends, three approaches from each side.
   // Position 1: up -0.1 0 0.1 (mean 0, s 0.1), down 0.2 0.3 0.4 (mean 0.3, s 0.1): B -0.3.
