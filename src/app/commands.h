@@ -80,6 +80,11 @@ int evaluate_command(const EvaluateArguments& a);
 
 int report_command(const std::vector<std::filesystem::path>& runs);
 
+struct IdentifyArguments {
+  std::filesystem::path run, rig_out, target_out;  ///< empty = not written
+};
+int identify_command(const IdentifyArguments& a);
+
 // ---- attitudes without a rig (attitude_commands.cpp)
 
 /// What every verb that measures attitudes by itself takes.
