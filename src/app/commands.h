@@ -85,6 +85,11 @@ struct ReportArguments {
 };
 int report_command(const ReportArguments& a);
 
+struct IdentifyArguments {
+  std::filesystem::path run, rig_out, target_out;  ///< empty = not written
+};
+int identify_command(const IdentifyArguments& a);
+
 // ---- attitudes without a rig (attitude_commands.cpp)
 
 /// What every verb that measures attitudes by itself takes.

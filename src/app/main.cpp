@@ -261,6 +261,27 @@ int main(int argc, char** argv) {
   report_verb->footer("Example:\n  turntable report results/runs/20260131T120000Z-quick");
   report_verb->callback([&] { code = guarded([&] { return report_command(report); }); });
 
+  IdentifyArguments identify;
+  auto* identify_verb = app.add_subcommand(
+      "identify",
+      "What a run tells about its rig: mounting, axes, stage and target, with uncertainties");
+  identify_verb->add_option("run", identify.run, "run folder")->required();
+  identify_verb->add_option("--rig-out", identify.rig_out,
+                            "write the run's rig file to this new file, with what was determined");
+  identify_verb->add_option("--target-out", identify.target_out,
+                            "write the target to this new file, with its points as determined");
+  identify_verb->footer(
+      "Examples:\n  turntable identify results/runs/20260131T120000Z-quick\n"
+      "  turntable identify results/runs/20260131T120000Z-quick --rig-out lab_identified.json "
+      "--target-out target_12.json\n"
+      "What the run does not determine is held at its drawing, and neither file changes it. Both "
+      "name "
+      "the run.\nThe lean of the stage's travel belongs to the calibration, not to a rig file: it "
+      "is "
+      "printed only.\n"
+      "Exit code 2 if the run has too few poses.");
+  identify_verb->callback([&] { code = guarded([&] { return identify_command(identify); }); });
+
   StudyArguments study;
   auto* study_verb = app.add_subcommand(
       "study", "How good the solvers are for a target and a camera, on synthetic points; no rig");

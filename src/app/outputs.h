@@ -8,6 +8,7 @@
 
 #include "src/evaluation/calibration_set.h"
 #include "src/evaluation/camera_comparison.h"
+#include "src/evaluation/cross_validation.h"
 #include "src/evaluation/evaluate.h"
 
 namespace turntable {
@@ -28,6 +29,7 @@ struct Outputs {
   std::optional<CalibrationSet> set;  ///< what the calibration was made from, if by this run
   Evaluation evaluation;
   std::vector<CameraComparison> cameras;
+  TruthLevels levels;
 };
 Outputs make_outputs(const RunFolder& folder, OutputOptions options);
 

@@ -12,7 +12,8 @@
 //   e_k(line) = sum_j (value_j - drawing_j) e_k(j),  and e_k of all of them together, not linearised
 // These are numbers and no tolerances: they add up pose by pose and may cancel.
 //   predicted total  = root of (mean_k e_k^2 of all together + mean squares of the noise lines)
-// Units: deg. Domain: poses with matched image points; a pose that a solver fails leaves its rows.
+// Units: deg. Domain: poses with matched image points; a pose that a solver fails is in none
+// of its lines.
 #pragma once
 
 #include <array>

@@ -13,6 +13,7 @@
 #include "src/report/calibration_report.h"
 #include "src/report/figures.h"
 #include "src/report/html_report.h"
+#include "src/report/level_tables.h"
 #include "src/report/pose_data.h"
 #include "src/report/published.h"
 #include "src/report/tables.h"
@@ -321,7 +322,8 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
                                    const RigFile& rig, const Calibration& calibration,
                                    const std::optional<CalibrationSet>& set,
                                    const Evaluation& evaluation,
-                                   const std::vector<CameraComparison>& cameras) {
+                                   const std::vector<CameraComparison>& cameras,
+                                   const TruthLevels& levels) {
   const auto tables = write_tables(folder, record.plan, evaluation, calibration, cameras);
   std::filesystem::create_directories(folder.figures());
   std::vector<Draft> drafts = calibration_drafts(folder.figures(), calibration, set);
@@ -375,6 +377,7 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
         t.title, counted_poses(cameras), t.markdown);
   }
 
+  md += levels_text(folder, record.plan, levels);
   md += "## Failed poses\n\n" + failures_text(evaluation, record.plan);
   md += "\n" + images_text(record) + "## Camera\n\n" + calibration_text(calibration);
   for (const WrittenTable& t : tables)

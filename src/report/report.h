@@ -7,6 +7,7 @@
 
 #include "src/evaluation/calibration_set.h"
 #include "src/evaluation/camera_comparison.h"
+#include "src/evaluation/cross_validation.h"
 #include "src/evaluation/evaluate.h"
 
 namespace turntable {
@@ -19,6 +20,7 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
                                    const RigFile& rig, const Calibration& calibration,
                                    const std::optional<CalibrationSet>& set,
                                    const Evaluation& evaluation,
-                                   const std::vector<CameraComparison>& cameras);
+                                   const std::vector<CameraComparison>& cameras,
+                                   const TruthLevels& levels);
 
 }  // namespace turntable

@@ -50,6 +50,25 @@ TEST(RigFile, TakesWhereTheCableStaysFreeAndThenLetsATableTurnOn) {
   EXPECT_TRUE(yaw.bound_against(std::numeric_limits<double>::quiet_NaN()).has_value());
 }
 
+TEST(RigFile, SaysOfEachToleranceWhereItComesFrom) {
+  std::string text = text_of("simulated.json");
+  const ToleranceConfig none = parse_rig_file(text, "rig.json", kRigs).tolerances;
+  EXPECT_EQ(none.target_mm.sd, 0.1);
+  EXPECT_EQ(none.target_mm.source, "default");
+  EXPECT_EQ(none.stage_scale.sd, 1e-4);
+  text.replace(text.find("\"led_radius_mm\""), 0, "\"uncertainty_mm\": 0.02, ");
+  EXPECT_EQ(parse_rig_file(text, "rig.json", kRigs).tolerances.target_mm.sd, 0.02);
+  EXPECT_EQ(parse_rig_file(text, "rig.json", kRigs).tolerances.target_mm.source,
+            "/target/uncertainty_mm");
+  text.replace(text.find("\"calibration\""), 0,
+               "\"tolerances\": {\"target_mm\": 0.03, \"axes_deg\": 0.01}, ");
+  const ToleranceConfig stated = parse_rig_file(text, "rig.json", kRigs).tolerances;
+  EXPECT_EQ(stated.target_mm.sd, 0.03);
+  EXPECT_EQ(stated.target_mm.source, "/tolerances/target_mm");
+  EXPECT_EQ(stated.axes_deg.sd, 0.01);
+  EXPECT_EQ(stated.squareness_deg.source, "default");
+}
+
 struct Slip {
   std::string from, to, pointer, says;
 };
@@ -58,6 +77,10 @@ TEST(RigFile, EverySlipIsNamedWithItsPlace) {
   const std::string text = text_of("simulated.json");
   const std::vector<Slip> slips{
       {"\"seed\": 20190511,", "", "/simulation", "\"seed\" is missing"},
+      {"\"calibration\"", "\"tolerances\": {\"axes_deg\": 0}, \"calibration\"",
+       "/tolerances/axes_deg", "found 0"},
+      {"\"stage_squareness_deg\"", "\"stage_scale\": 2, \"stage_squareness_deg\"",
+       "/simulation/stage_scale", "found 2"},
       {"\"seed\"", "\"sede\"", "/simulation", "unknown key \"sede\""},
       {"\"retries\": 2", "\"retries\": \"two\"", "/camera/retries", "found \"two\""},
       {"\"zolix-rak200\"", "\"rak-9000\"", "/axes/yaw/stage", "zolix-rak200"},

@@ -6,33 +6,20 @@
 #include <map>
 
 #include "src/core/errors.h"
-#include "src/core/random.h"
-#include "src/core/units.h"
-#include "tests/support/simulated_view.h"
 #include "tests/support/synthetic_campaign.h"
 
 namespace turntable {
 namespace {
 
-RigFile toleranced_rig() {
-  RigFile rig = shipped_rig("ideal");
-  rig.tolerances.target_mm.sd = 0.1;
-  rig.tolerances.squareness_deg.sd = 0.25;
-  rig.tolerances.mounting_deg.sd = 0.4;
-  rig.tolerances.axes_deg.sd = 0.05;
-  for (const AxisId axis : kRotaryAxes) rig.axes.at(axis).repeatability = 0.005;
-  return rig;
-}
-
 TEST(SelfCalibration, RecoversHiddenErrorsWithinItsStatedUncertainty) {
-  const RigModel model(toleranced_rig(), true);
+  const RigFile rig = toleranced_rig();
+  const RigModel model(rig, true);
   std::map<ParameterGroup, double> squares;
   std::map<ParameterGroup, int> counts;
   double chi2_per_dof = 0.0;
   constexpr int kRigs = 100;
   for (int seed = 0; seed < kRigs; ++seed) {
-    const SyntheticCampaign campaign(model, static_cast<std::uint64_t>(seed),
-                                     {.poses_per_axis = 5});
+    const SyntheticCampaign campaign(rig, static_cast<std::uint64_t>(seed), {});
     const SelfCalibration found = self_calibrate(model, campaign.sightings);
     ASSERT_TRUE(found.converged) << seed;
     chi2_per_dof += found.chi2 / found.dof / kRigs;
@@ -52,20 +39,21 @@ TEST(SelfCalibration, RecoversHiddenErrorsWithinItsStatedUncertainty) {
 }
 
 TEST(SelfCalibration, DeterminesWhatACampaignShowsAndHoldsWhatItDoesNot) {
-  const RigModel model(toleranced_rig(), true);
+  const RigFile rig = toleranced_rig();
+  const RigModel model(rig, true);
   const auto verdict = [&](const SelfCalibration& found, std::string_view name) {
     for (std::size_t i = 0; i < model.parameters().size(); ++i)
       if (model.parameters()[i].name == name) return found.verdicts[i];
     ADD_FAILURE() << name;
     return Verdict::kHeld;
   };
-  const SelfCalibration all = self_calibrate(model, SyntheticCampaign(model, 1, {}).sightings);
+  const SelfCalibration all = self_calibrate(model, SyntheticCampaign(rig, 1, {}).sightings);
   for (const char* name : {"plane_from_gimbal_x", "plane_from_gimbal_y", "pitch_tilt_to_yaw",
                            "stage_squareness_x", "target_1_z", "target_3_x"})
     EXPECT_NE(verdict(all, name), Verdict::kHeld) << name;
   // Yaw alone, from zero: nothing leans, and the others never turn.
   const SelfCalibration yaw =
-      self_calibrate(model, SyntheticCampaign(model, 1, {.yaw_alone = true}).sightings);
+      self_calibrate(model, SyntheticCampaign(rig, 1, {.yaw_alone = true}).sightings);
   for (const char* name : {"roll_tilt_to_yaw", "pitch_tilt_to_yaw", "pitch_tilt_to_roll"})
     EXPECT_EQ(verdict(yaw, name), Verdict::kHeld) << name;
   for (Eigen::Index i = 0; i < model.size(); ++i)
@@ -76,8 +64,9 @@ TEST(SelfCalibration, DeterminesWhatACampaignShowsAndHoldsWhatItDoesNot) {
 }
 
 TEST(SelfCalibration, FindsNoiseThatSpotsStateTooSmall) {
-  const RigModel model(toleranced_rig(), true);
-  SyntheticCampaign campaign(model, 3, {});
+  const RigFile rig = toleranced_rig();
+  const RigModel model(rig, true);
+  SyntheticCampaign campaign(rig, 3, {});
   for (RigSighting& sighting : campaign.sightings.poses)
     for (RaySpread& spread : sighting.spreads) {
       spread.at_a *= 0.5;
@@ -87,8 +76,9 @@ TEST(SelfCalibration, FindsNoiseThatSpotsStateTooSmall) {
 }
 
 TEST(SelfCalibration, IsTheSameAgain) {
-  const RigModel model(toleranced_rig(), false);
-  const SyntheticCampaign campaign(model, 4, {});
+  const RigFile rig = toleranced_rig();
+  const RigModel model(rig, false);
+  const SyntheticCampaign campaign(rig, 4, {.stage_made = false});
   const SelfCalibration once = self_calibrate(model, campaign.sightings);
   EXPECT_EQ(once.values, self_calibrate(model, campaign.sightings).values);
   const std::vector<std::size_t> few{0, 1, 2};

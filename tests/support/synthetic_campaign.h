@@ -1,8 +1,7 @@
 // A campaign without images: a rig whose hidden errors are drawn from its tolerances, as a pinhole
-// camera would see its LEDs with Gaussian noise.
+// camera would see its LEDs with Gaussian noise. Everything that an evaluated run would have is there.
 #pragma once
 
-#include <cmath>
 #include <cstdint>
 
 #include "src/core/random.h"
@@ -11,32 +10,46 @@
 
 namespace turntable {
 
+/// Tolerances of a careful workshop.
+inline RigFile toleranced_rig() {
+  RigFile rig = load_rig_file(std::string(TURNTABLE_SOURCE_DIR) + "/scenarios/rigs/ideal.json");
+  rig.tolerances.target_mm.sd = 0.1;
+  rig.tolerances.squareness_deg.sd = 0.25;
+  rig.tolerances.mounting_deg.sd = 0.4;
+  rig.tolerances.axes_deg.sd = 0.05;
+  for (const AxisId axis : kRotaryAxes) rig.axes.at(axis).repeatability = 0.005;
+  return rig;
+}
+
 struct SyntheticOptions {
   int poses_per_axis = 5;  ///< of a raster of yaw, roll and pitch, repeated at two stage positions
   bool yaw_alone = false;  ///< 25 steps of yaw instead
+  bool stage_made = true;  ///< the camera's rays carry the stage's errors
   double sigma_px = 0.05;
 };
 
 struct SyntheticCampaign {
-  static constexpr double kFocalPx = 1945.0;
-  static constexpr double kSpanDeg = 20.0;
+  static constexpr double kFocalPx = 1945.0, kSpanDeg = 20.0;
 
+  RigModel model;
   Eigen::VectorXd truth;  ///< by `RigModel::parameters`
+  RunRecord record;
+  Calibration calibration;
+  Evaluation evaluation;
   RigSightings sightings;
-  std::vector<PlannedPose> planned;  ///< of each sighting; a reference pose begins each repeat
 
-  SyntheticCampaign(const RigModel& model, std::uint64_t seed, const SyntheticOptions& options) {
-    truth = model.drawing();
+  SyntheticCampaign(const RigFile& rig, std::uint64_t seed, const SyntheticOptions& options)
+      : model(rig, options.stage_made), truth(model.drawing()) {
     Random hidden(seed, "hidden errors");
     for (Eigen::Index i = 0; i < truth.size(); ++i)
       truth(i) += model.prior_sd()(i) * hidden.normal();
-    sightings.planes = {130.0, 180.0};
     plan_poses(options);
+    look_from(options);
 
-    const Vector3d camera(1.4, -2.1, 700.8);
     ArrivalNumbers arrivals{};
+    const std::vector<PlannedPose>& planned = record.plan.poses;
     for (std::size_t k = 0; k < planned.size(); ++k) {
-      TablePosition stated{planned[k].stage_mm, planned[k].angles()}, real = stated;
+      TablePosition real{planned[k].stage_mm, planned[k].angles()};
       for (std::size_t a = 0; a < kAllAxes.size(); ++a) {
         if (k > 0 && planned[k].target(kAllAxes[a]) != planned[k - 1].target(kAllAxes[a]))
           ++arrivals[a];
@@ -48,55 +61,71 @@ struct SyntheticCampaign {
         else
           real.angles[kAllAxes[a]] += rad_from_deg(error);
       }
-      RigSighting& sighting = sightings.poses.emplace_back();
-      sightings.places.push_back(k);
-      sighting.at = stated;
-      sighting.arrivals = arrivals;
+      EvaluatedPose& pose = evaluation.poses.emplace_back();
+      pose.planned = planned[k];
+      pose.taken = pose.in_domain = true;
+      pose.stage_mm = planned[k].stage_mm;
+      pose.read_back_deg = {planned[k].yaw_deg, planned[k].roll_deg, planned[k].pitch_deg};
       const Eigen::VectorXd leds = model.leds(truth, real);
       Random noise(seed, "spots", k);
       for (int i = 0; i < model.points(); ++i) {
-        const Vector3d down = leds.segment<3>(3 * i) - camera;
-        Vector2d slope = down.head<2>() / down.z();
-        for (int c = 0; c < 2; ++c) slope(c) += options.sigma_px / kFocalPx * noise.normal();
-        const auto on = [&](double z) -> Vector2d {
-          return camera.head<2>() + slope * (z - camera.z());
-        };
-        const auto spread = [&](double z) -> Eigen::Matrix2d {
-          return (z - camera.z()) * options.sigma_px / kFocalPx * Eigen::Matrix2d::Identity();
-        };
-        sighting.rays.push_back({on(sightings.planes.a_mm), on(sightings.planes.b_mm)});
-        sighting.spreads.push_back({spread(sightings.planes.a_mm), spread(sightings.planes.b_mm)});
+        const Vector3d from_camera = leds.segment<3>(3 * i) - kCamera;
+        const Vector2d seen =
+            kFocalPx / -from_camera.z() * Vector2d(from_camera.x(), -from_camera.y());
+        const double u = options.sigma_px * noise.normal(), v = options.sigma_px * noise.normal();
+        pose.points_px.push_back(kMiddlePx + seen + Vector2d(u, v));
+        pose.covariances_px2.push_back(options.sigma_px * options.sigma_px *
+                                       Eigen::Matrix2d::Identity());
       }
     }
+    sightings = rig_sightings(record, rig, calibration, evaluation);
   }
 
  private:
+  inline static const Vector3d kCamera{1.4, -2.1, 700.8};
+  inline static const Vector2d kMiddlePx{511.5, 511.5};
+
+  void look_from(const SyntheticOptions& options) {
+    const RayPlanes planes{130.0, 180.0};
+    Eigen::MatrixX4d monomials = Eigen::MatrixX4d::Zero(3, 4);  // 1, v, u
+    for (int p = 0; p < 2; ++p) {
+      const double per_px = (kCamera.z() - (p == 0 ? planes.a_mm : planes.b_mm)) / kFocalPx;
+      monomials.col(2 * p) << kCamera.x() - per_px * kMiddlePx.x(), 0.0, per_px;
+      monomials.col(2 * p + 1) << kCamera.y() + per_px * kMiddlePx.y(), -per_px, 0.0;
+    }
+    calibration.irt =
+        IrtModel::from_monomials({1024, 1024}, planes, 1, monomials, VDirection::kDown,
+                                 {{0, 0}, {1023, 0}, {1023, 1023}, {0, 1023}});
+    if (options.stage_made) calibration.stage.emplace_back();
+  }
+
   void plan_poses(const SyntheticOptions& options) {
-    const auto add = [&](double stage, int repeat, PoseRole role, double yaw, double roll,
-                         double pitch) {
-      PlannedPose& p = planned.emplace_back();
-      p.index = planned.size() - 1;
+    ScenarioInfo& scenario = record.plan.scenarios.emplace_back();
+    scenario.name = "synthetic";
+    scenario.axes = {AxisId::kYaw};
+    if (!options.yaw_alone) scenario.axes = {AxisId::kYaw, AxisId::kRoll, AxisId::kPitch};
+    const auto add = [&](double stage, int repeat, PoseRole role, const Vector3d& deg) {
+      PlannedPose& p = record.plan.poses.emplace_back();
+      p.index = record.plan.poses.size() - 1;
       p.role = role;
       p.repeat = repeat;
       p.stage_mm = stage;
-      p.yaw_deg = yaw;
-      p.roll_deg = roll;
-      p.pitch_deg = pitch;
+      p.yaw_deg = deg(0);
+      p.roll_deg = deg(1);
+      p.pitch_deg = deg(2);
+      record.poses.emplace_back().planned = p;
     };
     const int n = options.yaw_alone ? 25 : options.poses_per_axis;
     const auto step = [&](int i) { return kSpanDeg * (2.0 * i / (n - 1) - 1.0); };
-    if (options.yaw_alone) {
-      add(120, 1, PoseRole::kReference, 0, 0, 0);
-      for (int i = 0; i < n; ++i) add(120, 1, PoseRole::kMeasure, step(i), 0, 0);
-      return;
-    }
-    for (const int repeat : {1, 2}) {
+    for (int repeat = 1; repeat <= (options.yaw_alone ? 1 : 2); ++repeat) {
       const double stage = repeat == 1 ? 80.0 : 180.0;
-      add(stage, repeat, PoseRole::kReference, 0, 0, 0);
-      for (int y = 0; y < n; ++y)
-        for (int r = 0; r < n; ++r)
-          for (int p = 0; p < n; ++p)
-            add(stage, repeat, PoseRole::kMeasure, step(y), step(r), step(p));
+      add(stage, repeat, PoseRole::kReference, Vector3d::Zero());
+      for (int yaw = 0; yaw < n; ++yaw) {
+        if (options.yaw_alone) add(stage, repeat, PoseRole::kMeasure, {step(yaw), 0, 0});
+        for (int roll = 0; roll < n && !options.yaw_alone; ++roll)
+          for (int pitch = 0; pitch < n; ++pitch)
+            add(stage, repeat, PoseRole::kMeasure, {step(yaw), step(roll), step(pitch)});
+      }
     }
   }
 };
