@@ -270,7 +270,7 @@ void insert_figure(std::string& body, const Figure& figure, const fs::path& fold
   if (caption == std::string::npos || end == std::string::npos) return;
   const std::string_view text = std::string_view(body).substr(caption + 3, end - caption - 3);
   const std::string html = fmt::format(
-      "<figure id=\"{0}\">\n<div class=\"view\">{1}</div>\n<figcaption "
+      "<figure id=\"figure-{0}\">\n<div class=\"view\">{1}</div>\n<figcaption "
       "id=\"caption-{0}\">{2}</figcaption>\n</figure>",
       figure.name, inline_svg(read_text(folder / (figure.name + ".svg")), figure), text);
   body.replace(at, end + 4 - at, html);
