@@ -265,10 +265,10 @@ def check_page(browser, file, width, height):
     for figure in ("figure14_quick_uniaxial_z", "figure15_quick_triaxial_xyz"):
         check_choosing(page, figure)
         page.picture(f"{figure}_{width}")
-    wrong = page.js(INSPECT)
-    assert not wrong, f"at {width} px, with a pose chosen: " + "; ".join(wrong)
-    page.key("Escape")
-    assert page.js("return document.getElementById('pose').hidden;")
+        wrong = page.js(INSPECT)
+        assert not wrong, f"at {width} px, with a pose chosen: " + "; ".join(wrong)
+        page.key("Escape")
+        assert page.js("return document.getElementById('pose').hidden;")
     for i in page.js("return [...document.querySelectorAll('figure')].map((f) => f.id);"):
         page.js(f"document.getElementById('{i}').scrollIntoView({{block: 'center'}});")
         if width > 1000:
