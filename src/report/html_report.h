@@ -24,9 +24,9 @@ std::filesystem::path write_html(const std::filesystem::path& markdown,
 /// The body of a page: headings with ids, tables that scroll in their own box, no figures yet.
 std::string markdown_to_html(std::string_view markdown);
 
-/// gnuplot's SVG as part of a page: no prolog, ids that begin with the figure's name, elements with
-/// their solver (data-solver) and poses (data-poses). An SVG whose elements are not those of the
+/// gnuplot's SVG as part of a page: no prolog, ids that begin with `prefix`, elements of plots (class
+/// "plot") with their solver (data-solver) and poses (data-poses). An SVG whose elements are not those of the
 /// figure, point by point, gets no data-poses but the class "unlinked".
-std::string inline_svg(std::string_view svg, const Figure& figure);
+std::string inline_svg(std::string_view svg, const Figure& figure, const std::string& prefix);
 
 }  // namespace turntable
