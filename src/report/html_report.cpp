@@ -315,7 +315,7 @@ std::string markdown_to_html(std::string_view markdown) {
 }
 
 fs::path write_html(const fs::path& markdown, const std::vector<Figure>& figures,
-                    const Json& poses) {
+                    const Json* poses) {
   std::string body = markdown_to_html(read_text(markdown));
   const std::vector<Heading> headings = headings_of(body);
   // The first screen: all up to the second section. Contents follow it.
@@ -329,8 +329,8 @@ fs::path write_html(const fs::path& markdown, const std::vector<Figure>& figures
       insert_figure(body, figures[i], fmt::format("f{}-", i), markdown.parent_path() / "figures");
 
   std::string data;
-  if (!poses.is_null()) {
-    data = poses.dump(-1, ' ', false, Json::error_handler_t::replace);
+  if (poses != nullptr) {
+    data = poses->dump(-1, ' ', false, Json::error_handler_t::replace);
     replace_every(data, "</", "<\\/");
     data = "<script type=\"application/json\" id=\"page-data\">" + data + "</script>\n";
   }

@@ -3,7 +3,6 @@
 #pragma once
 
 #include <filesystem>
-#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -16,10 +15,10 @@ namespace turntable {
 /// Writes <name>.html beside <name>.md. Of raw HTML the Markdown may have "<details><summary>...
 /// </summary>" and "</details>", each a paragraph of its own; everything else is shown as text.
 /// @param figures those of the text, in "figures" beside it
-/// @param poses what the page shows of single poses (`pose_data`); null: nothing
+/// @param poses what the page shows of single poses (`pose_data`), if anything
 /// @return the page's path. @throws ConfigError: the Markdown or a picture cannot be read; RecordError.
 std::filesystem::path write_html(const std::filesystem::path& markdown,
-                                 const std::vector<Figure>& figures, const Json& poses = nullptr);
+                                 const std::vector<Figure>& figures, const Json* poses = nullptr);
 
 /// The body of a page: headings with ids, tables that scroll in their own box, no figures yet.
 std::string markdown_to_html(std::string_view markdown);

@@ -89,7 +89,8 @@ TEST(WriteHtml, PutsFiguresWithOneCaptionIntoThePage) {
   write_atomically(folder / "figures/two.svg", draw_svg(draft, csv_of_two_solvers()));
   write_atomically(folder / "report.md", "# Title\n\nText\n\n## First\n\n## Figures\n\n" +
                                              figures_markdown({draft.figure}));
-  const auto page = write_html(folder / "report.md", {draft.figure}, Json{{"a", "</script>"}});
+  const Json poses{{"a", "</script>"}};
+  const auto page = write_html(folder / "report.md", {draft.figure}, &poses);
   EXPECT_EQ(page, folder / "report.html");
   const std::string html = slurp(page);
   EXPECT_TRUE(html.starts_with("<!doctype html>\n<html lang=\"en\">"));
