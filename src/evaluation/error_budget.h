@@ -63,6 +63,7 @@ struct ErrorBudget {
   std::size_t scenario = 0;
   const Solver* solver = nullptr;
   std::size_t poses = 0;              ///< that it is of
+  std::size_t left_out = 0;           ///< measured, but the solver jumps near them: no derivative
   std::vector<BudgetLine> lines;      ///< by Cause
   Contribution drawn;                 ///< all lines together
   WithInterval monte_carlo_deg{};     ///< rms total RMSE of drawn rigs, and where 95 % of them are

@@ -9,6 +9,7 @@
 #include "src/imaging/monomial_table.h"
 #include "src/imaging/opencv_yaml.h"
 #include "src/record/atomic_file.h"
+#include "src/report/html_report.h"
 #include "src/report/published.h"
 
 namespace turntable {
@@ -259,17 +260,20 @@ std::filesystem::path write_calibration_report(const fs::path& folder, const Cal
     for (const std::string& remark : set->remarks) md += remark + "\n\n";
   }
   const std::vector<Draft> drafts = calibration_drafts(folder / "figures", c, set);
-  if (drafts.empty())  // an ideal camera that came as numbers
+  std::vector<Figure> figures;
+  if (drafts.empty()) {  // an ideal camera that came as numbers
     fs::remove(folder / "figures");
-  else
-    md += "## Figures\n\n" + figures_markdown(draw(folder / "figures", drafts));
+  } else {
+    figures = draw(folder / "figures", drafts);
+    md += "## Figures\n\n" + figures_markdown(figures);
+  }
   if (!c.images.empty()) {
     md += "## Images\n\n| file | SHA-256 |\n|---|---|\n";
     for (const UsedImage& image : c.images)
       md += fmt::format("| {} | `{}` |\n", image.file, image.sha256);
   }
   write_atomically(folder / "calibration.md", md);
-  return folder / "calibration.md";
+  return write_html(folder / "calibration.md", figures);
 }
 
 }  // namespace turntable

@@ -33,8 +33,8 @@ std::vector<Draft> calibration_drafts(const std::filesystem::path& folder,
                                       const Calibration& calibration,
                                       const std::optional<CalibrationSet>& set);
 
-/// calibration.json, calibration.md, figures/, tables/table1.{csv,md,tex}, tables/orders.csv,
-/// tables/models.csv, and opencv/<model>.yml for each central model. @return calibration.md.
+/// calibration.json, calibration.md and .html, figures/, tables/table1.{csv,md,tex}, tables/orders.csv,
+/// tables/models.csv, and opencv/<model>.yml for each central model. @return calibration.html.
 /// @throws RecordError.
 std::filesystem::path write_calibration_report(const std::filesystem::path& folder,
                                                const Calibration& calibration,

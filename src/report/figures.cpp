@@ -58,7 +58,9 @@ void uniaxial_errors(Draft& draft, const PosePoints& points, const Evaluation& e
   draft.figure.caption = fmt::format(
       "Errors against the {} angle, {}, every repeat (as figure 14).", axis_name(axis), info.title);
   draft.size = "900,760";
-  draft.commands = "set multiplot layout 3,1\nset key outside right\n";
+  draft.commands =
+      "set multiplot layout 3,1\nset key outside right\n"
+      "set offsets graph 0.02, graph 0.02, graph 0.06, graph 0.06\n";
   for (const auto& [name, error] :
        {std::pair("pitch", "9"), std::pair("roll", "8"), std::pair("yaw", "7")}) {
     draft.commands +=

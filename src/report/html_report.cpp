@@ -126,7 +126,8 @@ std::string_view attribute(std::string_view tag, std::string_view name) {
 /// Reads gnuplot's SVG tag by tag and writes what a page needs of it.
 class SvgInliner {
  public:
-  SvgInliner(std::string_view svg, const Figure& figure) : svg_(svg), figure_(figure) {
+  SvgInliner(std::string_view svg, const Figure& figure, std::string prefix)
+      : svg_(svg), figure_(figure), prefix_(std::move(prefix)) {
     out_.reserve(svg.size());
   }
 
@@ -234,8 +235,8 @@ class SvgInliner {
     std::string out = squeeze(tag);
     shorten_colours(out);
     replace_every(out, "xlink:href", "href");
-    for (const char* before : {" id='", " id=\"", "href='#", "href=\"#", "url(#"})
-      replace_every(out, before, fmt::format("{}{}-", before, figure_.name));
+    for (const std::string before : {" id='", " id=\"", "href='#", "href=\"#", "url(#"})
+      replace_every(out, before, before + prefix_);
     replace_every(out, "\"sans\"", "\"sans-serif\"");
     return out;
   }
@@ -254,7 +255,7 @@ class SvgInliner {
 
   std::string_view svg_;
   const Figure& figure_;
-  std::string out_;
+  std::string prefix_, out_;
   std::vector<Group> groups_;
   std::size_t element_ = 0, uses_ = 0;
   bool names_ = false;  ///< the element has its name in the key
@@ -262,7 +263,8 @@ class SvgInliner {
 };
 
 /// Puts a picture and its caption where the Markdown has an image and a paragraph behind it.
-void insert_figure(std::string& body, const Figure& figure, const fs::path& folder) {
+void insert_figure(std::string& body, const Figure& figure, const std::string& prefix,
+                   const fs::path& folder) {
   const std::string image = fmt::format("<p><img src=\"figures/{}.svg\"", figure.name);
   const std::size_t at = body.find(image);
   if (at == std::string::npos) return;
@@ -270,16 +272,16 @@ void insert_figure(std::string& body, const Figure& figure, const fs::path& fold
   if (caption == std::string::npos || end == std::string::npos) return;
   const std::string_view text = std::string_view(body).substr(caption + 3, end - caption - 3);
   const std::string html = fmt::format(
-      "<figure id=\"{0}\">\n<div class=\"view\">{1}</div>\n<figcaption "
+      "<figure id=\"figure-{0}\">\n<div class=\"view\">{1}</div>\n<figcaption "
       "id=\"caption-{0}\">{2}</figcaption>\n</figure>",
-      figure.name, inline_svg(read_text(folder / (figure.name + ".svg")), figure), text);
+      figure.name, inline_svg(read_text(folder / (figure.name + ".svg")), figure, prefix), text);
   body.replace(at, end + 4 - at, html);
 }
 
 }  // namespace
 
-std::string inline_svg(std::string_view svg, const Figure& figure) {
-  return SvgInliner(svg, figure).result();
+std::string inline_svg(std::string_view svg, const Figure& figure, const std::string& prefix) {
+  return SvgInliner(svg, figure, prefix).result();
 }
 
 std::string markdown_to_html(std::string_view markdown) {
@@ -313,7 +315,7 @@ std::string markdown_to_html(std::string_view markdown) {
 }
 
 fs::path write_html(const fs::path& markdown, const std::vector<Figure>& figures,
-                    const Json& poses) {
+                    const Json* poses) {
   std::string body = markdown_to_html(read_text(markdown));
   const std::vector<Heading> headings = headings_of(body);
   // The first screen: all up to the second section. Contents follow it.
@@ -322,12 +324,13 @@ fs::path write_html(const fs::path& markdown, const std::vector<Figure>& figures
     if (h.level == '2' && ++sections == 2) first = h.at;
   std::string top = body.substr(0, first);
   body.erase(0, first);
-  for (const Figure& figure : figures)
-    if (figure.drawn) insert_figure(body, figure, markdown.parent_path() / "figures");
+  for (std::size_t i = 0; i < figures.size(); ++i)
+    if (figures[i].drawn)
+      insert_figure(body, figures[i], fmt::format("f{}-", i), markdown.parent_path() / "figures");
 
   std::string data;
-  if (!poses.is_null()) {
-    data = poses.dump(-1, ' ', false, Json::error_handler_t::replace);
+  if (poses != nullptr) {
+    data = poses->dump(-1, ' ', false, Json::error_handler_t::replace);
     replace_every(data, "</", "<\\/");
     data = "<script type=\"application/json\" id=\"page-data\">" + data + "</script>\n";
   }

@@ -3,7 +3,6 @@
 #pragma once
 
 #include <filesystem>
-#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -16,17 +15,17 @@ namespace turntable {
 /// Writes <name>.html beside <name>.md. Of raw HTML the Markdown may have "<details><summary>...
 /// </summary>" and "</details>", each a paragraph of its own; everything else is shown as text.
 /// @param figures those of the text, in "figures" beside it
-/// @param poses what the page shows of single poses (`pose_data`); null: nothing
+/// @param poses what the page shows of single poses (`pose_data`), if anything
 /// @return the page's path. @throws ConfigError: the Markdown or a picture cannot be read; RecordError.
 std::filesystem::path write_html(const std::filesystem::path& markdown,
-                                 const std::vector<Figure>& figures, const Json& poses = nullptr);
+                                 const std::vector<Figure>& figures, const Json* poses = nullptr);
 
 /// The body of a page: headings with ids, tables that scroll in their own box, no figures yet.
 std::string markdown_to_html(std::string_view markdown);
 
-/// gnuplot's SVG as part of a page: no prolog, ids that begin with the figure's name, elements with
-/// their solver (data-solver) and poses (data-poses). An SVG whose elements are not those of the
+/// gnuplot's SVG as part of a page: no prolog, ids that begin with `prefix`, elements of plots (class
+/// "plot") with their solver (data-solver) and poses (data-poses). An SVG whose elements are not those of the
 /// figure, point by point, gets no data-poses but the class "unlinked".
-std::string inline_svg(std::string_view svg, const Figure& figure);
+std::string inline_svg(std::string_view svg, const Figure& figure, const std::string& prefix);
 
 }  // namespace turntable

@@ -393,7 +393,8 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
   for (const ClockStep& step : record.clock_steps)
     md += fmt::format("- times of day are not of one clock: journal {}\n", clock_step_text(step));
   write_atomically(folder.report(), md);
-  return write_html(folder.report(), figures, pose_data(folder, record, evaluation));
+  const Json poses = pose_data(folder, record, evaluation);
+  return write_html(folder.report(), figures, &poses);
 }
 
 }  // namespace turntable

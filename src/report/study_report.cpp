@@ -8,6 +8,7 @@
 #include "src/core/errors.h"
 #include "src/core/units.h"
 #include "src/record/atomic_file.h"
+#include "src/report/html_report.h"
 
 namespace turntable {
 namespace {
@@ -438,7 +439,8 @@ void make_study_folder(const StudyPath& folder) {
 
 /// @param name relative to the study's folder, with '/'.
 bool is_of_study(const std::string& name) {
-  if (name == "study.md" || name == "tables" || name == "figures") return true;
+  if (name == "study.md" || name == "study.html" || name == "tables" || name == "figures")
+    return true;
   const StudyPath file(name);
   if (file.parent_path() == "tables")
     return name == "tables/noise.csv" || name == "tables/basin.csv" ||
@@ -451,7 +453,7 @@ bool is_of_study(const std::string& name) {
 
 void remove_earlier_study(const StudyPath& folder) {
   std::error_code error;
-  std::filesystem::remove(folder / "study.md", error);
+  for (const char* text : {"study.md", "study.html"}) std::filesystem::remove(folder / text, error);
   for (const char* part : {"tables", "figures"})
     for (const auto& entry : std::filesystem::directory_iterator(folder / part, error))
       if (is_of_study((StudyPath(part) / entry.path().filename()).generic_string()))
@@ -576,7 +578,7 @@ std::filesystem::path write_study_report(const std::filesystem::path& folder,
       draw(folder / "figures", study_drafts(folder / "figures", study));
   write_atomically(folder / "study.md",
                    study_text(study) + "## Figures\n\n" + figures_markdown(figures));
-  return folder / "study.md";
+  return write_html(folder / "study.md", figures);
 }
 
 }  // namespace turntable

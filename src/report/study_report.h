@@ -31,8 +31,8 @@ std::vector<Draft> study_drafts(const std::filesystem::path& folder, const Solve
 /// study's: the first of them is returned.
 std::filesystem::path foreign_to_study(const std::filesystem::path& folder);
 
-/// study.md, tables/noise.csv, tables/basin.csv, tables/basin_map.csv, figures/. An earlier study's
-/// files go first, so that no figure of another target stays. @return study.md. @throws RecordError.
+/// study.md and .html, tables/noise.csv, tables/basin.csv, tables/basin_map.csv, figures/. An earlier study's
+/// files go first, so that no figure of another target stays. @return study.html. @throws RecordError.
 std::filesystem::path write_study_report(const std::filesystem::path& folder,
                                          const SolverStudy& study);
 

@@ -12,7 +12,7 @@
 
 namespace turntable {
 
-struct Column {
+struct TableColumn {
   std::string csv;    ///< header in the CSV file, with its unit: "rmse_yaw_deg"; of an interval the
                       ///< stem, to which _lower and _upper are added before the unit
   std::string title;  ///< in Markdown and LaTeX: "RMSE yaw / deg"; empty: CSV only
@@ -29,7 +29,7 @@ using Cell = std::variant<std::monostate, std::string, std::int64_t, double, Rou
 struct Table {
   std::string name;   ///< file stem
   std::string title;  ///< one line
-  std::vector<Column> columns;
+  std::vector<TableColumn> columns;
   std::vector<std::vector<Cell>> rows;  ///< a cell for every column
 };
 

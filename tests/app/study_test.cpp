@@ -21,9 +21,9 @@ TEST(Study, WritesTextTablesAndFiguresOfATarget) {
       "--target scenarios/rigs/simulated.json --poses 80 --solver ml_ray,posit_undistorted";
   const Outcome first = run_study(folder / "a", options);
   ASSERT_EQ(first.code, 0) << first.output;
-  EXPECT_NE(first.output.find("study.md"), std::string::npos);
+  EXPECT_NE(first.output.find("study.html"), std::string::npos);
   for (const char* file :
-       {"study.md", "tables/noise.csv", "tables/basin.csv", "tables/basin_map.csv",
+       {"study.md", "study.html", "tables/noise.csv", "tables/basin.csv", "tables/basin_map.csv",
         "figures/noise_simulated_general.svg", "figures/noise_simulated_half_turn.svg",
         "figures/basin_view_angle.svg", "figures/basin_distance.svg",
         "figures/basin_depth_ratio.svg", "figures/basin_noise.svg", "figures/basin_map.svg"})

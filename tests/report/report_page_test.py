@@ -90,6 +90,7 @@ class Page:
             self.call(domain + ".enable")
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1,
                   mobile=width < 500)
+        self.call("Emulation.setFocusEmulationEnabled", enabled=True)
         browser.events.clear()
         self.call("Page.navigate", url="file://" + file)
         browser.wait("Page.loadEventFired")
@@ -200,7 +201,7 @@ SHOWN = """return [...document.querySelectorAll('g[data-solver="posit"], tr[data
 def press_tab_until(page, condition, most=80):
     for _ in range(most):
         page.key("Tab")
-        if page.js(f"return document.activeElement !== null && {condition};"):
+        if page.js(f"return document.activeElement !== null && !!({condition});"):
             return
     raise AssertionError(f"Tab does not reach it: {condition}")
 
@@ -233,7 +234,7 @@ def check_zoom(page):
 def check_choosing(page, figure, image_is_there=True):
     """The pointer on a point shows its values; a click shows the pose with its image, and marks it everywhere."""
     x, y = page.js(f"""
-      const use = document.querySelector('#{figure} [data-poses] use');
+      const use = document.querySelector('#figure-{figure} [data-poses] use');
       use.closest("figure").scrollIntoView({{block: "center"}});
       const r = use.getBoundingClientRect();
       return [r.x + r.width / 2, r.y + r.height / 2];""")
@@ -264,14 +265,14 @@ def check_page(browser, file, width, height):
     for figure in ("figure14_quick_uniaxial_z", "figure15_quick_triaxial_xyz"):
         check_choosing(page, figure)
         page.picture(f"{figure}_{width}")
-    wrong = page.js(INSPECT)
-    assert not wrong, f"at {width} px, with a pose chosen: " + "; ".join(wrong)
-    page.key("Escape")
-    assert page.js("return document.getElementById('pose').hidden;")
+        wrong = page.js(INSPECT)
+        assert not wrong, f"at {width} px, with a pose chosen: " + "; ".join(wrong)
+        page.key("Escape")
+        assert page.js("return document.getElementById('pose').hidden;")
     for i in page.js("return [...document.querySelectorAll('figure')].map((f) => f.id);"):
         page.js(f"document.getElementById('{i}').scrollIntoView({{block: 'center'}});")
         if width > 1000:
-            page.picture("figure_" + i)
+            page.picture(i)
     assert not page.complaints(), page.complaints()
 
 

@@ -238,6 +238,7 @@
 
   function choose(pose) {
     chosen = pose;
+    hideValue();
     for (const view of views) view.mark(pose);
     showPose(pose);
   }

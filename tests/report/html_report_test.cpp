@@ -1,0 +1,118 @@
+#include "src/report/html_report.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <nlohmann/json.hpp>
+
+#include "src/core/errors.h"
+#include "src/record/atomic_file.h"
+#include "src/report/pdf.h"
+#include "tests/support/temporary_folder.h"
+
+namespace turntable {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+/// Points of two solvers, poses 7, 8 and 9, one of them measured by one solver only.
+Draft two_solvers() {
+  PosePoints points({"x", "y"});
+  const Solver &one = kSolvers[0], &other = kSolvers[1];
+  for (const auto& [solver, pose] :
+       {std::pair(&one, 7), {&other, 7}, {&one, 8}, {&one, 9}, {&other, 9}})
+    points.row(*solver, static_cast<std::size_t>(pose))
+        .number(pose, 1)
+        .number(2 * pose, 1)
+        .end_row();
+  Draft draft;
+  draft.figure.name = "two";
+  draft.figure.caption = "Two <solvers> & their points.";
+  points.draw(draft, one, "$3", "4", solver_look(one, 0));
+  points.draw(draft, other, "$3", "4", solver_look(other, 1));
+  draft.element("20 with lines title 'bound'").end_plot();
+  draft.commands += "set key off\nset palette grey\n";
+  points.draw(draft, other, "$3", "4:4:4", "pt 7 lc palette", "splot");
+  draft.end_plot();
+  draft.commands = "set multiplot layout 1,2\n" + draft.commands + "unset multiplot\n";
+  draft.figure.drawn = true;
+  return draft;
+}
+
+std::string csv_of_two_solvers() {
+  return "solver,pose,x,y\n" + std::string(kSolvers[0].name) + ",7,7,14\n" +
+         std::string(kSolvers[1].name) + ",7,7,14\n" + std::string(kSolvers[0].name) + ",8,8,16\n" +
+         std::string(kSolvers[0].name) + ",9,9,18\n" + std::string(kSolvers[1].name) + ",9,9,18\n";
+}
+
+TEST(InlineSvg, TellsPointsOfSolversAndTheirPoses) {
+  const Draft draft = two_solvers();
+  const std::string svg = inline_svg(draw_svg(draft, csv_of_two_solvers()), draft.figure, "f3-");
+  const auto group = [](const Solver& solver, const char* poses) {
+    return "<g class=\"plot\" data-solver=\"" + std::string(solver.name) + "\" data-poses=\"" +
+           poses + "\">";
+  };
+  EXPECT_THAT(svg, AllOf(HasSubstr(group(kSolvers[0], "7 8 9")),
+                         HasSubstr(group(kSolvers[1], "7 9")), HasSubstr("<g class=\"plot\">\n")));
+  EXPECT_THAT(svg,
+              AllOf(Not(HasSubstr("unlinked")), Not(HasSubstr("<?xml")), Not(HasSubstr("xlink")),
+                    Not(HasSubstr("id='gp")), HasSubstr("id='f3-gpPt"), HasSubstr("href='#f3-gpPt"),
+                    Not(HasSubstr("rgb("))));
+}
+
+TEST(InlineSvg, LinksNothingWhereGnuplotLeftOutAPoint) {
+  const Draft draft = two_solvers();
+  std::string csv = csv_of_two_solvers();
+  csv.replace(csv.find(",8,8,16"), 7, ",8,8,NaN");
+  const std::string svg = inline_svg(draw_svg(draft, csv), draft.figure, "f0-");
+  EXPECT_THAT(svg, AllOf(HasSubstr("class=\"unlinked\""), Not(HasSubstr("data-poses=\"7 8 9"))));
+}
+
+TEST(MarkdownToHtml, HasHeadersIdsAndNoForeignMarkup) {
+  const std::string html = markdown_to_html(
+      "# A <script>alert(1)</script> title\n\n## Same\n\n## Same\n\n| a | b |\n|---|--:|\n| x | 1 "
+      "|\n\n<details><summary>More</summary>\n\ntext\n\n</details>\n\n<b>bold</b>\n");
+  EXPECT_THAT(html, AllOf(HasSubstr("<h2 id=\"same\">"), HasSubstr("<h2 id=\"same-2\">"),
+                          HasSubstr("<th scope=\"col\">a"),
+                          HasSubstr("<th scope=\"col\" align=\"right\">b"),
+                          HasSubstr("<details><summary>More</summary>"), HasSubstr("</details>")));
+  EXPECT_THAT(html, AllOf(Not(HasSubstr("<script>")), Not(HasSubstr("<b>")), HasSubstr("<thead>")));
+}
+
+TEST(WriteHtml, PutsFiguresWithOneCaptionIntoThePage) {
+  TemporaryFolder folder;
+  const Draft draft = two_solvers();
+  std::filesystem::create_directories(folder / "figures");
+  write_atomically(folder / "figures/two.svg", draw_svg(draft, csv_of_two_solvers()));
+  write_atomically(folder / "report.md", "# Title\n\nText\n\n## First\n\n## Figures\n\n" +
+                                             figures_markdown({draft.figure}));
+  const Json poses{{"a", "</script>"}};
+  const auto page = write_html(folder / "report.md", {draft.figure}, &poses);
+  EXPECT_EQ(page, folder / "report.html");
+  const std::string html = slurp(page);
+  EXPECT_TRUE(html.starts_with("<!doctype html>\n<html lang=\"en\">"));
+  EXPECT_THAT(
+      html, AllOf(HasSubstr("<title>Title</title>"), HasSubstr("<a href=\"#figures\">Figures</a>"),
+                  HasSubstr("<figure id=\"figure-two\">"), HasSubstr("{\"a\":\"<\\/script>\"}"),
+                  HasSubstr("aria-labelledby=\"caption-two\""), Not(HasSubstr("<img"))));
+  const std::string caption = "Two &lt;solvers&gt; &amp; their points.";
+  EXPECT_EQ(html.find(caption), html.rfind(caption));
+}
+
+TEST(PrintPdf, SaysWhatIsMissingWithoutChromium) {
+  TemporaryFolder folder;
+  write_atomically(folder / "page.html", "<!doctype html><title>t</title><p>text</p>");
+  const std::string path = std::getenv("PATH");
+  ::setenv("PATH", "/nowhere", 1);
+  const auto trouble = print_pdf(folder / "page.html", folder / "page.pdf");
+  ::setenv("PATH", path.c_str(), 1);
+  ASSERT_TRUE(trouble.has_value());
+  EXPECT_THAT(*trouble, AllOf(HasSubstr("Chromium"), HasSubstr("Install it")));
+  EXPECT_FALSE(std::filesystem::exists(folder / "page.pdf"));
+}
+
+}  // namespace
+}  // namespace turntable
