@@ -10,6 +10,7 @@
 #include "src/app/commands.h"
 #include "src/app/progress.h"
 #include "src/app/provenance.h"
+#include "src/core/errors.h"
 #include "src/evaluation/calibrate.h"
 #include "src/record/atomic_file.h"
 #include "src/record/sha256.h"
