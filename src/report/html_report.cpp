@@ -219,7 +219,7 @@ class SvgInliner {
     if (!shows.solver.empty()) attributes += fmt::format(" data-solver=\"{}\"", shows.solver);
     if (!shows.poses.empty()) {
       const std::size_t points = shows.poses.size();
-      if (uses_ == points || (names_ && (uses_ == points + 1 || uses_ == points + 3))) {
+      if (names_ ? uses_ == points + 1 || uses_ == points + 3 : uses_ == points) {
         attributes += " data-poses=\"";
         for (const std::size_t pose : shows.poses) attributes += fmt::format("{} ", pose);
         attributes.back() = '"';
