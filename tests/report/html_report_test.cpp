@@ -93,8 +93,8 @@ TEST(WriteHtml, PutsFiguresWithOneCaptionIntoThePage) {
   const Draft draft = two_solvers();
   std::filesystem::create_directories(folder / "figures");
   write_atomically(folder / "figures/two.svg", draw_svg(draft, csv_of_two_solvers()));
-  write_atomically(folder / "report.md", "# Title\n\nText\n\n## First\n\n## Figures\n\n" +
-                                             figures_markdown({draft.figure}));
+  write_atomically(folder / "report.md",
+                   "# Title\n\nText\n\n## Figures\n\n" + figures_markdown({draft.figure}));
   const Json poses{{"a", "</script>"}};
   const auto page = write_html(folder / "report.md", {draft.figure}, &poses);
   EXPECT_EQ(page, folder / "report.html");
