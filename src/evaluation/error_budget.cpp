@@ -509,7 +509,7 @@ std::vector<ErrorBudget> error_budgets(const BudgetInput& input) {
         found[place_of(noise)] = drawn[place_of(noise)];
       for (std::size_t a = 0; a < 3; ++a)
         found[place_of(Cause::kBacklash)](static_cast<Eigen::Index>(a)) =
-            n * std::pow(0.5 * backlash[a], 2);
+            n * std::pow(backlash[a], 2);
       AxisErrors sum_drawn = AxisErrors::Zero();
       for (std::size_t c = 0; c < kCauses; ++c) {
         BudgetLine line{static_cast<Cause>(c), amounts[c], contribution(drawn[c] / n), {}};
@@ -539,6 +539,52 @@ std::vector<ErrorBudget> error_budgets(const BudgetInput& input) {
   return out;
 }
 
+std::map<std::size_t, std::array<double, 3>> backlash_found(const Evaluation& evaluation,
+                                                            const CrossValidation& judged) {
+  const auto& errors = judged.errors[static_cast<std::size_t>(TruthLevel::kSelfCalibrated)];
+  std::map<std::size_t, std::array<double, 3>> out;
+  if (errors.empty()) return out;
+  const std::vector<std::array<int, 3>> directions = approach_directions(evaluation);
+  std::map<std::pair<std::size_t, int>, std::size_t> initial;
+  for (std::size_t i = 0; i < evaluation.poses.size(); ++i)
+    if (const PlannedPose& p = evaluation.poses[i].planned; p.role == PoseRole::kReference)
+      initial[{p.scenario, p.repeat}] = i;
+  struct Sums {
+    double n = 0, d = 0, dd = 0, e = 0, de = 0, ee = 0;
+  };
+  std::map<std::size_t, std::array<Sums, 3>> sums;
+  for (std::size_t j = 0; j < judged.poses.size(); ++j) {
+    const std::optional<PoseError>& error = errors.back()[j];
+    if (!error) continue;
+    const std::size_t at = judged.poses[j];
+    const PlannedPose& p = evaluation.poses[at].planned;
+    const std::size_t at_start = initial.at({p.scenario, p.repeat});
+    const std::array<double, 3> e{error->pitch_deg, error->roll_deg, error->yaw_deg};
+    for (std::size_t a = 0; a < 3; ++a) {
+      Sums& s = sums[p.scenario][a];
+      const double d = directions[at][a] - directions[at_start][a];
+      s.n += 1;
+      s.d += d;
+      s.dd += d * d;
+      s.e += e[a];
+      s.de += d * e[a];
+      s.ee += e[a] * e[a];
+    }
+  }
+  for (const auto& [scenario, axes] : sums)
+    for (std::size_t a = 0; a < 3; ++a) {
+      const Sums& s = axes[a];
+      const double spread = s.dd - s.d * s.d / s.n;
+      double& found = out[scenario][a];
+      if (s.n < 4 || spread <= 0.0) continue;  // one direction only
+      const double h = (s.de - s.d * s.e / s.n) / spread;
+      const double rest = s.ee - s.e * s.e / s.n - h * h * spread;
+      const double se = std::sqrt(std::max(0.0, rest) / (s.n - 2.0) / spread);
+      if (std::abs(h) > 3.0 * se) found = std::abs(h) * std::sqrt(s.dd / s.n);
+    }
+  return out;
+}
+
 std::vector<ErrorBudget> error_budgets(const RunRecord& record, const RigFile& rig,
                                        const Calibration& calibration, const Evaluation& evaluation,
                                        const TruthLevels& levels) {
@@ -547,14 +593,7 @@ std::vector<ErrorBudget> error_budgets(const RunRecord& record, const RigFile& r
     return error_budgets({record, rig, calibration, evaluation, model, {}, {}});
   }
   BudgetInput input{record, rig, calibration, evaluation, *levels.model, levels.found.values, {}};
-  if (!levels.judged.poses.empty())
-    for (const ScenarioStatistics& s :
-         scenario_statistics(at_level(evaluation, levels.judged, TruthLevel::kSelfCalibrated)))
-      for (std::size_t a = 0; a < 3; ++a) {
-        const WithInterval& effect = s.axes[a].forward_minus_backward_deg;
-        const bool told = effect.interval.lower > 0.0 || effect.interval.upper < 0.0;
-        input.backlash_deg[s.scenario][a] = told ? effect.value : 0.0;
-      }
+  if (!levels.judged.poses.empty()) input.backlash_deg = backlash_found(evaluation, levels.judged);
   return error_budgets(input);
 }
 

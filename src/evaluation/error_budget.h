@@ -81,8 +81,8 @@ struct BudgetInput {
   const RigModel& model;
   /// What self-calibration found; nothing: the lines have no `found`.
   std::optional<Eigen::VectorXd> values;
-  /// Forward minus backward of what is left at level "self-calibrated", by scenario and `kToldAxes`,
-  /// deg: the backlash that is found. Zero where it cannot be told from zero.
+  /// Root mean square of what the direction of approach does, by scenario and `kToldAxes`, deg
+  /// (`backlash_found`).
   std::map<std::size_t, std::array<double, 3>> backlash_deg;
 };
 
@@ -93,8 +93,14 @@ constexpr std::size_t kBudgetPoses = 120;
 /// One per scenario and solver of the evaluation. Parallel; the same for any number of threads.
 std::vector<ErrorBudget> error_budgets(const BudgetInput& input);
 
-/// The same with what the levels of truth found, if they found anything: values, and as backlash what
-/// is left between forward and backward of the self-calibrated errors of the scenario's last solver.
+/// The backlash that is left in the self-calibrated errors: the slope h of the least-squares line of an
+/// axis' error against d = direction of approach of the pose minus that of its initial pose, which
+/// differ by 0, 1 or 2; |h| times the root mean square of d. Zero where h is within three standard
+/// errors of zero. Of the last solver of the table; by scenario and `kToldAxes`, deg.
+std::map<std::size_t, std::array<double, 3>> backlash_found(const Evaluation& evaluation,
+                                                            const CrossValidation& judged);
+
+/// The same with what the levels of truth found, if they found anything.
 std::vector<ErrorBudget> error_budgets(const RunRecord& record, const RigFile& rig,
                                        const Calibration& calibration, const Evaluation& evaluation,
                                        const TruthLevels& levels);

@@ -38,16 +38,10 @@ std::vector<Visited> visited_scenarios(const Evaluation& evaluation) {
   std::vector<Visited> out;
   std::map<std::size_t, std::size_t> place;  // scenario -> in out
   std::vector<std::map<std::tuple<double, double, double, double>, std::size_t>> angles;
-  // Directions are those of the commands, in the plan's order, from whatever pose came before.
-  std::array<double, 3> last{0.0, 0.0, 0.0};
-  std::array<int, 3> direction{0, 0, 0};
-  for (const EvaluatedPose& pose : evaluation.poses) {
+  const std::vector<std::array<int, 3>> directions = approach_directions(evaluation);
+  for (std::size_t k = 0; k < evaluation.poses.size(); ++k) {
+    const EvaluatedPose& pose = evaluation.poses[k];
     const PlannedPose& p = pose.planned;
-    for (std::size_t a = 0; a < 3; ++a) {
-      const double target = p.target(kToldAxes[a]);
-      if (target != last[a]) direction[a] = target > last[a] ? 1 : -1;
-      last[a] = target;
-    }
     if (p.role != PoseRole::kMeasure) continue;
     const auto [it, is_new] = place.try_emplace(p.scenario, out.size());
     if (is_new) {
@@ -59,7 +53,7 @@ std::vector<Visited> visited_scenarios(const Evaluation& evaluation) {
         std::tuple(p.stage_mm, p.yaw_deg, p.roll_deg, p.pitch_deg), v.by_angles.size());
     if (first) v.by_angles.emplace_back();
     v.by_angles[group->second].push_back(v.visits.size());
-    v.visits.push_back({&pose, direction});
+    v.visits.push_back({&pose, directions[k]});
   }
   return out;
 }
@@ -304,6 +298,21 @@ Iso230 iso230_of(const Visited& v, std::size_t solver_place, const Solver* solve
 }
 
 }  // namespace
+
+std::vector<std::array<int, 3>> approach_directions(const Evaluation& evaluation) {
+  std::vector<std::array<int, 3>> out;
+  std::array<double, 3> last{0.0, 0.0, 0.0};
+  std::array<int, 3> direction{0, 0, 0};
+  for (const EvaluatedPose& pose : evaluation.poses) {
+    for (std::size_t a = 0; a < 3; ++a) {
+      const double target = pose.planned.target(kToldAxes[a]);
+      if (target != last[a]) direction[a] = target > last[a] ? 1 : -1;
+      last[a] = target;
+    }
+    out.push_back(direction);
+  }
+  return out;
+}
 
 std::vector<ScenarioStatistics> scenario_statistics(const Evaluation& evaluation) {
   const std::vector<Visited> scenarios = visited_scenarios(evaluation);

@@ -26,6 +26,10 @@ namespace turntable {
 /// The order in which axes are told: x, y, z of the paper.
 inline constexpr std::array kToldAxes{AxisId::kPitch, AxisId::kRoll, AxisId::kYaw};
 
+/// How each told axis last moved before a pose, by the commands: +1 up, -1 down, 0 not yet. By place in
+/// `Evaluation::poses`.
+std::vector<std::array<int, 3>> approach_directions(const Evaluation& evaluation);
+
 struct AxisDetail {
   double percentile95_deg;                    ///< of |e|
   double repeatability_deg = Solution::kNaN;  ///< NaN unless some angles were visited twice

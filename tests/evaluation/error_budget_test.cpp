@@ -100,7 +100,9 @@ TEST_P(ErrorBudgetLine, NamesTheCause) {
     }
   const std::string lines = lines_of(b);
   EXPECT_EQ(cause_name(named), cause_name(GetParam().cause)) << lines;
-  EXPECT_NEAR(largest / b.observed.total_deg(), 1.0, noise_only ? 0.2 : 0.25) << lines;
+  // Self-calibration does not know backlash, and takes some of it for mounting, stage and target.
+  const double within = noise_only ? 0.2 : GetParam().cause == Cause::kBacklash ? 0.3 : 0.25;
+  EXPECT_NEAR(largest / b.observed.total_deg(), 1.0, within) << lines;
 }
 
 INSTANTIATE_TEST_SUITE_P(
