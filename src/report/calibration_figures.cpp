@@ -43,8 +43,6 @@ struct Context {
 /// Plane heights in file names and captions: 130, not 130.00002.
 double tidy_mm(double z) { return std::round(1000.0 * z) / 1000.0; }
 
-constexpr const char* kHeat = "set palette defined (0 '#fff5e1', 0.5 '#E69F00', 1 '#8c2d04')\n";
-
 /// Least distance of two points of a plane, to scale arrows by.
 double arrow_span_mm(const CalibrationSet& set, const std::vector<PlanePoint>& points) {
   if (set.spacing_mm > 0.0) return set.spacing_mm;
@@ -57,7 +55,6 @@ double arrow_span_mm(const CalibrationSet& set, const std::vector<PlanePoint>& p
 
 void pattern_figure(const Context& to, const PatternExample& example) {
   if (example.points.empty()) return;
-  write_atomically(to.folder / "figure8_pattern.png", encode_png(example.image));
   Csv csv({"column", "row", "x_mm", "y_mm", "u_px", "v_px", "sigma_px"});
   const PatternPoint* middle = &example.points.front();
   const Vector2d centre(0.5 * example.image.width, 0.5 * example.image.height);
@@ -72,31 +69,39 @@ void pattern_figure(const Context& to, const PatternExample& example) {
   for (const PatternPoint& p : example.points)
     if (&p != middle) nearest = std::min(nearest, (p.centre_px - middle->centre_px).norm());
   step = std::isfinite(nearest) ? nearest : 20.0;
-  // Every other pixel of the whole image: it is drawn at about half its size, and the page carries it.
-  const auto part = [&](double left, double right, double top, double bottom, double size,
-                        const char* every) {
+  const Region whole{0, 0, example.image.width - 1, example.image.height - 1};
+  constexpr int kWholePx = 400;  // of the drawn image: the page carries it
+  const auto around = [step](double centre_px, int end) {
+    return std::pair(std::max(0, static_cast<int>(std::floor(centre_px - 1.7 * step))),
+                     std::min(end, static_cast<int>(std::ceil(centre_px + 1.7 * step))));
+  };
+  const auto [left, right] = around(middle->centre_px.x(), whole.right);
+  const auto [top, bottom] = around(middle->centre_px.y(), whole.bottom);
+  const Region detail{left, top, right, bottom};
+  const auto drawn = [&](const char* name, const Region& part, int every, bool large) {
     return fmt::format(
-        "set xrange [{}:{}]\nset yrange [{}:{}]\n"
-        "plot 'figure8_pattern.png' binary filetype=png flipy {} using 1:1:1 with rgbimage, "
-        "'DATA' every ::1 using 5:6 with points pt 1 ps {} lc rgb '#D55E00', "
-        "'' every ::1 using 5:6:(sprintf('%d,%d', $1, $2)) with labels offset 0,{} font 'sans,{}' "
-        "textcolor rgb '#009E73'\n",
-        left, right, bottom, top, every, 0.6 * size, 0.7 * size, 6.0 * size);
+        "set xrange [{}:{}]\nset yrange [{}:{}]\nplot {}, "
+        "'DATA' every ::1 using 5:6 with points pt 1 ps {} lw {} lc rgb '#D55E00'{}\n",
+        part.left - 0.5, part.right + 0.5, part.bottom + 0.5, part.top - 0.5,
+        image_part(to.folder, name, example.image, part, every), large ? 1.6 : 0.35,
+        large ? 2.0 : 0.6,
+        large ? ", '' every ::1 using 5:6:(sprintf('%d,%d', $1, $2)) with labels offset 0,1.1 font "
+                "'sans,14' textcolor rgb '#0072B2'"
+              : "");
   };
   Draft draft;
   draft.figure.name = "figure8_pattern";
   draft.figure.caption = fmt::format(
-      "A processed image of the pattern ({}) with every point's centre and name (column, row), and "
-      "an enlarged detail (as figure 8).",
+      "A processed image of the pattern ({}) with the centre that was found of every point, and a "
+      "detail with their names, column and row from the pattern's origin (as figure 8).",
       example.file);
   draft.size = "1400,720";
   draft.commands =
       "set key off\nset size ratio -1\nunset grid\nset xlabel 'u / px'\nset ylabel 'v / px'\n"
       "set multiplot layout 1,2\n" +
-      part(-0.5, example.image.width - 0.5, -0.5, example.image.height - 0.5, 1.0,
-           example.image.width > 800 ? "every 2:2" : "") +
-      part(middle->centre_px.x() - 1.7 * step, middle->centre_px.x() + 1.7 * step,
-           middle->centre_px.y() - 1.7 * step, middle->centre_px.y() + 1.7 * step, 2.0, "") +
+      drawn("figure8_pattern_whole", whole, std::max(1, (example.image.width + kWholePx - 1) / kWholePx),
+            false) +
+      drawn("figure8_pattern_detail", detail, 1, true) +
       "unset multiplot\n";
   to.add(std::move(draft), csv);
 }
