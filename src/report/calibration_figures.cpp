@@ -99,10 +99,9 @@ void pattern_figure(const Context& to, const PatternExample& example) {
   draft.commands =
       "set key off\nset size ratio -1\nunset grid\nset xlabel 'u / px'\nset ylabel 'v / px'\n"
       "set multiplot layout 1,2\n" +
-      drawn("figure8_pattern_whole", whole, std::max(1, (example.image.width + kWholePx - 1) / kWholePx),
-            false) +
-      drawn("figure8_pattern_detail", detail, 1, true) +
-      "unset multiplot\n";
+      drawn("figure8_pattern_whole", whole,
+            std::max(1, (example.image.width + kWholePx - 1) / kWholePx), false) +
+      drawn("figure8_pattern_detail", detail, 1, true) + "unset multiplot\n";
   to.add(std::move(draft), csv);
 }
 

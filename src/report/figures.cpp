@@ -102,10 +102,10 @@ void uniaxial_errors(Draft& draft, const PosePoints& points, const Evaluation& e
   for (const auto& [name, error] :
        {std::pair("pitch", "9"), std::pair("roll", "8"), std::pair("yaw", "7")}) {
     const bool last = std::string_view(name) == "yaw";
-    draft.commands += fmt::format("set ylabel '{} error / deg'\n{}", name,
-                                  last ? fmt::format("set format x '%g'\nset xlabel '{} / deg'\n",
-                                                     axis_name(axis))
-                                       : "set format x ''\n");
+    draft.commands += fmt::format(
+        "set ylabel '{} error / deg'\n{}", name,
+        last ? fmt::format("set format x '%g'\nset xlabel '{} / deg'\n", axis_name(axis))
+             : "set format x ''\n");
     for (std::size_t k = 0; k < count; ++k) {
       const Solver& solver = *evaluation.solvers[k];
       const double aside = (static_cast<double>(k) - 0.5 * static_cast<double>(count - 1)) * apart;
@@ -164,12 +164,11 @@ void multiaxial_errors(Draft& draft, const PosePoints& points, const Evaluation&
     draft.commands += panel_place(k, columns, rows, kPanelPx);
     draft.commands += fmt::format("set title '{}'\n", solver.name);
     if (flat)
-      points.draw(
-          draft, solver,
-          fmt::format("${}+({:.4g})*($3-{})", error_column(info.axes[1]),
-                      0.6 * target_step(evaluation, scenario, info.axes[1]) / info.repeats,
-                      0.5 * (info.repeats + 1)),
-          fmt::format("{}:10", error_column(info.axes[0])), "pt 7 ps 0.5 lc palette");
+      points.draw(draft, solver,
+                  fmt::format("${}+({:.4g})*($3-{})", error_column(info.axes[1]),
+                              0.6 * target_step(evaluation, scenario, info.axes[1]) / info.repeats,
+                              0.5 * (info.repeats + 1)),
+                  fmt::format("{}:10", error_column(info.axes[0])), "pt 7 ps 0.5 lc palette");
     else
       points.draw(draft, solver, "$6", "5:4:10", "pt 7 ps 0.5 lc palette", "splot");
     draft.end_plot().commands += "unset colorbox\n";
@@ -241,8 +240,7 @@ void separation_figure(const std::filesystem::path& folder, const RunRecord& rec
       for (const EvaluatedPose& pose : evaluation.poses)
         if (pose.planned.scenario == scenario && pose.planned.role == PoseRole::kMeasure &&
             pose.results[k].measured) {
-          Sum& sum =
-              cells[{pose.planned.target(plane.first), pose.planned.target(plane.second)}];
+          Sum& sum = cells[{pose.planned.target(plane.first), pose.planned.target(plane.second)}];
           sum.deg += pose.results[k].error.geodesic_deg;
           ++sum.poses;
         }
@@ -267,9 +265,9 @@ void separation_figure(const std::filesystem::path& folder, const RunRecord& rec
       "(as figure 16).",
       info.title);
   const std::size_t panel_rows = maps.size() / kPlanes.size();
-  draft.commands = panels_with_scale(draft, kPlanes.size(), panel_rows, kMapPx, largest,
-                                     "mean error / deg") +
-                   "set style fill solid noborder\nunset grid\nset autoscale fix\n";
+  draft.commands =
+      panels_with_scale(draft, kPlanes.size(), panel_rows, kMapPx, largest, "mean error / deg") +
+      "set style fill solid noborder\nunset grid\nset autoscale fix\n";
   for (std::size_t i = 0; i < maps.size(); ++i) {
     const Map& map = maps[i];
     draft.commands += panel_place(i, kPlanes.size(), panel_rows, kMapPx);
@@ -316,9 +314,7 @@ std::vector<const EvaluatedPose*> outermost_poses(const std::vector<const Evalua
 
 std::optional<std::size_t> widest_scenario(const Plan& plan) {
   std::optional<std::size_t> widest;
-  const auto rank = [](const ScenarioInfo& s) {
-    return std::pair(s.table == 5, s.axes.size());
-  };
+  const auto rank = [](const ScenarioInfo& s) { return std::pair(s.table == 5, s.axes.size()); };
   for (std::size_t i = 0; i < plan.scenarios.size(); ++i)
     if (plan.scenarios[i].kind == ScenarioKind::kAttitude &&
         (!widest || rank(plan.scenarios[i]) > rank(plan.scenarios[*widest])))
@@ -436,8 +432,7 @@ std::vector<Draft> attitude_drafts(const std::filesystem::path& folder, const Ru
   each(1, 1, errors);
   each(0, 0, errors);
   each(2, kAny, errors);
-  each(3, kAny,
-       [&](std::size_t i) { separation_figure(folder, record, evaluation, i, drafts); });
+  each(3, kAny, [&](std::size_t i) { separation_figure(folder, record, evaluation, i, drafts); });
   return drafts;
 }
 
