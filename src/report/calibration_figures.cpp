@@ -108,8 +108,11 @@ void pattern_figure(const Context& to, const PatternExample& example) {
 void positions_figure(const Context& to, const CalibrationSet& set) {
   Csv csv({"z_mm", "x_mm", "y_mm", "recalculated_x_mm", "recalculated_y_mm", "in_domain"});
   std::string plots;
+  Vector2d low(INFINITY, INFINITY), high(-INFINITY, -INFINITY);
   for (const SeenPlane& plane : set.planes) {
     for (const PlanePoint& p : plane.points) {
+      low = low.cwiseMin(p.on_plane_mm);
+      high = high.cwiseMax(p.on_plane_mm);
       const Vector2d at = p.on_plane_mm + residual_mm(to.calibration.irt, p);
       csv.number(tidy_mm(plane.z_mm), 3).number(p.on_plane_mm.x(), 4).number(p.on_plane_mm.y(), 4);
       csv.number(at.x(), 5).number(at.y(), 5);
@@ -117,10 +120,10 @@ void positions_figure(const Context& to, const CalibrationSet& set) {
     }
     plots += fmt::format(
         "set title '{:g} mm ({})'\nplot 'DATA' every ::1 using ($1 == {:.3f} ? $2 : 1/0):3 with "
-        "points "
-        "pt 6 ps 1.1 lc rgb '{}' title 'standard', '' every ::1 using ($1 == {:.3f} && $6 == 1 ? "
-        "$4 : "
-        "1/0):5 with points pt 2 ps 0.7 lc rgb '{}' title 'recalculated'\n",
+        "points pt 6 ps 0.9 lc rgb '{}' title 'standard', '' every ::1 using ($1 == {:.3f} && $6 "
+        "== "
+        "1 ? $4 : 1/0):5 with points pt 2 ps 0.6 lw 1.6 lc rgb '{}' title 'recalculated'\n"
+        "set key off\n",
         tidy_mm(plane.z_mm), plane.fit ? "fitted" : "kept out", tidy_mm(plane.z_mm), kColours[0],
         tidy_mm(plane.z_mm), kColours[1]);
   }
@@ -129,15 +132,18 @@ void positions_figure(const Context& to, const CalibrationSet& set) {
   Draft draft;
   draft.figure.name = "figure9_positions";
   draft.figure.caption =
-      "Positions of the pattern's points on each plane: standard, and recalculated by the ray "
-      "model "
-      "from their pixels, those in the calibrated area (as figure 9).";
-  draft.size = fmt::format("{},{}", 480 * columns, 480 * rows);
+      "Positions of the pattern's points on each plane, on one scale: standard (circles), and "
+      "recalculated by the ray model from their pixels (crosses), those in the calibrated area (as "
+      "figure 9).";
+  draft.size = fmt::format("{},{}", 440 * columns, 50 + 440 * rows);
+  const Vector2d room = 0.06 * (high - low);
   draft.commands = fmt::format(
-      "set key below\nset size ratio -1\nset xlabel 'x / mm'\nset ylabel 'y / mm'\n"
-      "set offsets graph 0.06, graph 0.06, graph 0.06, graph 0.06\n"
-      "set multiplot layout {},{}\n{}unset multiplot\n",
-      rows, columns, plots);
+      "set size ratio -1\nset xlabel 'x / mm'\nset ylabel 'y / mm'\n"
+      "set xrange [{}:{}]\nset yrange [{}:{}]\nset key at screen 0.5,0.995 center top horizontal "
+      "maxrows 1\nset bmargin 4\nset tmargin 3\nset multiplot layout {},{} title ' '\n{}unset "
+      "multiplot\n",
+      low.x() - room.x(), high.x() + room.x(), low.y() - room.y(), high.y() + room.y(), rows,
+      columns, plots);
   to.add(std::move(draft), csv);
 }
 
@@ -176,7 +182,7 @@ void residual_figures(const Context& to, const CalibrationSet& set, const SeenPl
     map.figure.name = fmt::format("figure10_residuals_{:g}mm", z);
     map.figure.caption = fmt::format(
         "Residuals of the ray model {}, interpolated between the points in the calibrated area: "
-        "contour map and in three dimensions (as figure 10).",
+        "contour map and in three dimensions, on a scale of their own (as figure 10).",
         which);
     map.size = "1300,600";
     map.commands =
@@ -188,8 +194,8 @@ void residual_figures(const Context& to, const CalibrationSet& set, const SeenPl
             "splot $inside using 1:2:3 with pm3d nocontour, '' using 1:2:3 with lines lc rgb "
             "'#444444' lw 0.8 nosurface\n"
             "unset contour\nset view 58,35\nset size noratio\nset xyplane 0\nset zlabel 'residual "
-            "/ "
-            "mm' rotate\nunset colorbox\nsplot $inside using 1:2:3 with pm3d\nunset multiplot\n",
+            "/ mm' rotate offset -1.5\nunset colorbox\nsplot $inside using 1:2:3 with pm3d\nunset "
+            "multiplot\n",
             low.x(), high.x(), low.y(), high.y());
     to.add(std::move(map), csv);
   }

@@ -18,9 +18,11 @@ namespace turntable {
 // Okabe & Ito (2008): told apart by colour-blind readers and in grey.
 inline constexpr std::array<const char*, 6> kColours{"#0072B2", "#D55E00", "#009E73",
                                                      "#CC79A7", "#E69F00", "#56B4E9"};
-/// Pale to dark, so that it reads in grey and a small value recedes: every map of errors.
+/// Pale to dark, so that it reads in grey and a small value recedes: every map of errors. In steps,
+/// so that a colour is found again on the scale.
 inline constexpr const char* kHeat =
-    "set palette defined (0 '#fdebc8', 0.35 '#E69F00', 0.7 '#a63c06', 1 '#3d1002')\n";
+    "set palette maxcolors 20\nset palette defined (0 '#fdebc8', 0.35 '#E69F00', 0.7 '#a63c06', 1 "
+    "'#3d1002')\n";
 
 /// What one element of a plot command shows: the page hides it with its solver, and finds a pose in it.
 struct Element {

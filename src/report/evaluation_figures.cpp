@@ -21,12 +21,35 @@ struct FileRows {
   std::string every() const { return fmt::format("'DATA' every ::{}::{}", first, last); }
 };
 
-/// Panels beside and below each other.
+/// Panels of one size, beside and below each other, and the room about and between them; px.
 struct PanelGrid {
-  std::size_t columns, rows;
+  std::size_t columns = 1, rows = 1;
+  double width = 300, height = 220;  ///< of a panel
+  double left = 85, right = 190, top = 40, bottom = 60;
+  double beside = 55, below = 70;
 
-  explicit PanelGrid(std::size_t panels)
-      : columns(std::min<std::size_t>(3, panels)), rows((panels + columns - 1) / columns) {}
+  /// As many rows of three as it takes.
+  PanelGrid& of(std::size_t panels) {
+    columns = std::min<std::size_t>(3, panels);
+    rows = (panels + columns - 1) / columns;
+    return *this;
+  }
+  double whole_width() const {
+    const auto n = static_cast<double>(columns);
+    return left + n * width + (n - 1) * beside + right;
+  }
+  double whole_height() const {
+    const auto n = static_cast<double>(rows);
+    return top + n * height + (n - 1) * below + bottom;
+  }
+  std::string size() const { return fmt::format("{:.0f},{:.0f}", whole_width(), whole_height()); }
+  std::string multiplot() const {
+    const double w = whole_width(), h = whole_height();
+    return fmt::format(
+        "set multiplot layout {},{} margins {:.5f},{:.5f},{:.5f},{:.5f} spacing {:.5f},{:.5f}\n",
+        rows, columns, left / w, 1.0 - right / w, bottom / h, 1.0 - top / h, beside / w, below / h);
+  }
+  bool leftmost(std::size_t panel) const { return panel % columns == 0; }
 };
 
 /// The numbers of a scenario, solver by solver, of poses that are judged.
@@ -82,7 +105,7 @@ std::vector<Draft> angle_drafts(const std::filesystem::path& folder, const Plan&
   };
   std::vector<Curve> curves;
   std::size_t median_row = 0;
-  double low = INFINITY, high = 0.0;
+  double low = INFINITY, high = 0.0, least_deg = INFINITY, most_deg = 0.0;
   for (std::size_t k = 0; k < evaluation.solvers.size(); ++k) {
     std::vector<std::pair<double, double>> at;  // angle, error
     visit_measured(evaluation, *scenario, k, [&](const EvaluatedPose& pose, const PoseError& e) {
@@ -96,6 +119,8 @@ std::vector<Draft> angle_drafts(const std::filesystem::path& folder, const Plan&
       const double error_deg = std::max(kLeastDeg, e.geodesic_deg);
       low = std::min(low, error_deg);
       high = std::max(high, error_deg);
+      least_deg = std::min(least_deg, angle_deg);
+      most_deg = std::max(most_deg, angle_deg);
       at.emplace_back(angle_deg, error_deg);
       Csv& csv = points.row(*evaluation.solvers[k], pose.planned.index).number(angle_deg, 4);
       csv.number(error_deg, 6).end_row();
@@ -126,26 +151,29 @@ std::vector<Draft> angle_drafts(const std::filesystem::path& folder, const Plan&
       "a panel per solver on one scale, with its running median as a line; in the last panel all "
       "of the medians.",
       plan.scenarios[*scenario].title);
-  const PanelGrid grid(curves.size() + 1);
-  draft.size = fmt::format("{},{}", 380 * grid.columns, 320 * grid.rows);
+  PanelGrid grid{.width = 310, .height = 230, .right = 20, .below = 105};
+  draft.size = grid.of(curves.size() + 1).size();
   draft.commands = fmt::format(
-      "set key off\nset logscale y\nset yrange [{:.4g}:{:.4g}]\nset xlabel 'angle / deg'\n"
-      "set ylabel 'error / deg'\nset format y '%g'\nset offsets graph 0.02, graph 0.02, 0, 0\n"
-      "set multiplot layout {},{}\n",
-      0.8 * low, 1.25 * high, grid.rows, grid.columns);
+      "set key off\nset logscale y\nset yrange [{:.4g}:{:.4g}]\nset xrange [{:.4g}:{:.4g}]\n"
+      "set xlabel 'angle / deg' offset 0,0.3\nset format y '%g'\n{}",
+      0.8 * low, 1.25 * high, least_deg - 0.5, most_deg + 0.5, grid.multiplot());
   const auto median = [&](const Curve& curve, std::string_view look) {
     draft.element(fmt::format("'error_angle_median.csv' every ::{}::{} using 2:3 with lines {}",
                               curve.rows.first, curve.rows.last, look),
                   {std::string(evaluation.solvers[curve.solver]->name), {}});
   };
+  std::size_t panel = 0;
   for (const Curve& curve : curves) {
     const Solver& solver = *evaluation.solvers[curve.solver];
-    draft.commands += fmt::format("set title '{}'\n", solver.name);
+    draft.commands += fmt::format("set title '{}'\nset ylabel '{}'\n", solver.name,
+                                  grid.leftmost(panel++) ? "error / deg" : "");
     points.draw(draft, solver, "$3", "4", "ps 0.4 " + solver_look(solver, curve.solver));
     median(curve, "lw 2.5 lc rgb 'black' notitle");
     draft.end_plot();
   }
-  draft.commands += "set title 'running medians'\nset key inside top left samplen 2\n";
+  draft.commands += fmt::format(
+      "set title 'running medians'\nset ylabel '{}'\nset key inside bottom right samplen 2\n",
+      grid.leftmost(panel) ? "error / deg" : "");
   for (const Curve& curve : curves)
     median(curve, solver_line(*evaluation.solvers[curve.solver], curve.solver));
   draft.end_plot().commands += "unset multiplot\n";
@@ -211,12 +239,12 @@ std::vector<Draft> normality_drafts(const std::filesystem::path& folder, const P
       "follow the diagonal; an S says that tails are short, as of systematic errors.{}",
       plan.scenarios[*scenario].title,
       beyond > 0 ? fmt::format(" {} marks beyond {:g} are outside.", beyond, kShown) : "");
-  draft.size = "1200,440";
+  PanelGrid grid{.height = 300};
+  draft.size = grid.of(kToldAxes.size()).size();
   draft.commands = fmt::format(
       "set xlabel 'normal quantile'\nset ylabel 'standardised error'\nset xrange [{0}:{1}]\n"
-      "set yrange [{0}:{1}]\nset multiplot layout 1,3 margins 0.06,0.84,0.13,0.92 spacing 0.05,0\n"
-      "set key at screen 0.995,0.9\n",
-      -std::min(kShown, 1.06 * reach), std::min(kShown, 1.06 * reach));
+      "set yrange [{0}:{1}]\n{2}set key at screen 0.995,0.9\n",
+      -std::min(kShown, 1.06 * reach), std::min(kShown, 1.06 * reach), grid.multiplot());
   for (const AxisId axis : kToldAxes) {
     draft.commands += fmt::format("set title '{}'\n", axis_name(axis));
     draft.element("x with lines lw 1 dt 3 lc rgb 'black' title 'normal'");
@@ -249,9 +277,8 @@ std::vector<Draft> bound_drafts(const std::filesystem::path& folder, const Plan&
       "dark), and what the noise of the spots alone leaves to any unbiased solver (line; dashed "
       "with the turntable's repeatability): what is between the last bar and the line is left to "
       "gain.";
-  const PanelGrid grid(judged.bounds.size());
-  draft.size =
-      fmt::format("{},{}", std::max<std::size_t>(640, 430 * grid.columns), 60 + 360 * grid.rows);
+  PanelGrid grid{.bottom = 90, .below = 110};
+  draft.size = grid.of(judged.bounds.size()).size();
   double largest = 0.0;
   for (const LevelRow& r : judged.rows)
     if (std::isfinite(r.statistics.rmse_total_deg))
@@ -261,14 +288,10 @@ std::vector<Draft> bound_drafts(const std::filesystem::path& folder, const Plan&
       largest = std::max(largest, b.total_with_repeatability_deg);
   draft.commands = fmt::format(
       "set style fill solid border lc rgb '#333333'\nset boxwidth 0.26\nset yrange [0:{:.4g}]\n"
-      "set ylabel 'total RMSE / deg'\nset grid noxtics\nset xtics rotate by -30 scale 0\n"
-      "set multiplot layout {},{} margins 0.09,0.97,{:.4f},{:.4f} spacing 0.07,{:.4f}\n"
-      "set key at screen 0.5,0.995 center top horizontal\n",
-      1.06 * largest, grid.rows, grid.columns,
-      70.0 / (60.0 + 360.0 * static_cast<double>(grid.rows)),
-      1.0 - 70.0 / (60.0 + 360.0 * static_cast<double>(grid.rows)),
-      110.0 / (60.0 + 360.0 * static_cast<double>(grid.rows)));
-  std::size_t row = 0;
+      "set grid noxtics\nset xtics rotate by -30 scale 0\n{}"
+      "set key at screen 0.995,0.95\n",
+      1.06 * largest, grid.multiplot());
+  std::size_t row = 0, panel = 0;
   for (const LevelBound& bound : judged.bounds) {
     std::vector<std::string> names;
     std::array<std::vector<std::pair<double, double>>, 3> bars;  // by level: place, RMSE
@@ -286,14 +309,14 @@ std::vector<Draft> bound_drafts(const std::filesystem::path& folder, const Plan&
     for (std::size_t i = 0; i < names.size(); ++i)
       tics += fmt::format("{}'{}' {}", i == 0 ? "" : ", ", names[i], i);
     draft.commands +=
-        fmt::format("set title '{}'\nset xrange [-0.6:{}.6]\nset xtics ({})\n",
-                    shown(plan.scenarios[bound.scenario].name), names.size() - 1, tics);
-    FileRows all{row + 1, row};
+        fmt::format("set title '{}'\nset ylabel '{}'\nset xrange [-0.6:{}.6]\nset xtics ({})\n",
+                    shown(plan.scenarios[bound.scenario].name),
+                    grid.leftmost(panel) ? "total RMSE / deg" : "", names.size() - 1, tics);
     for (const TruthLevel level : kTruthLevels) {
       const auto& of = bars[static_cast<std::size_t>(level)];
       if (of.empty()) continue;
       const FileRows rows{row + 1, row + of.size()};
-      row = all.last = rows.last;
+      row = rows.last;
       for (const auto& [place, rmse_deg] : of) {
         csv.text(plan.scenarios[bound.scenario].name);
         csv.text(names[static_cast<std::size_t>(std::lround(place))]);
@@ -309,6 +332,7 @@ std::vector<Draft> bound_drafts(const std::filesystem::path& folder, const Plan&
         fmt::format("{:.8g} with lines lw 2 dt 2 lc rgb '#D55E00' title 'with repeatability'",
                     bound.total_with_repeatability_deg));
     draft.end_plot().commands += "set key off\n";
+    ++panel;
   }
   draft.commands += "unset multiplot\n";
   csv.write(folder / "error_bound.csv");
@@ -332,29 +356,22 @@ std::vector<Draft> repeatability_drafts(const std::filesystem::path& folder, con
   draft.figure.caption =
       "Repeatability of the measured angles: how far repeats at the same angles spread about their "
       "mean, by axis and solver, on one scale. Errors that come back every time are not in it.";
-  const PanelGrid grid(by_scenario.size());
-  const double height = 60.0 + 320.0 * static_cast<double>(grid.rows);
-  draft.size = fmt::format("{},{:.0f}", 200 + 320 * grid.columns, height);
+  PanelGrid grid{.height = 260};
+  draft.size = grid.of(by_scenario.size()).size();
   double largest = 0.0;
   for (const auto& [scenario, of] : by_scenario)
     for (const ScenarioStatistics* s : of)
       for (const AxisDetail& a : s->axes)
         if (std::isfinite(a.repeatability_deg)) largest = std::max(largest, a.repeatability_deg);
-  const double key = 1.0 - 180.0 / (200.0 + 320.0 * static_cast<double>(grid.columns));
   draft.commands = fmt::format(
-      "set yrange [0:{:.4g}]\nset xrange [-0.5:2.5]\nset xtics ('pitch' 0, 'roll' 1, 'yaw' 2) "
-      "scale "
-      "0\nset ylabel 'repeatability / deg'\n"
-      "set multiplot layout {},{} margins {:.4f},{:.4f},{:.4f},{:.4f} spacing {:.4f},{:.4f}\n"
+      "set yrange [0:{:.4g}]\nset xrange [-0.5:2.5]\nset xtics scale 0 ({})\n{}"
       "set key at screen 0.995,0.95\n",
-      largest > 0.0 ? 1.1 * largest : 1.0, grid.rows, grid.columns,
-      85.0 / (200.0 + 320.0 * static_cast<double>(grid.columns)), key, 45.0 / height,
-      1.0 - 40.0 / height, 85.0 / (200.0 + 320.0 * static_cast<double>(grid.columns)),
-      80.0 / height);
-  std::size_t row = 0;
+      largest > 0.0 ? 1.1 * largest : 1.0, "'pitch' 0, 'roll' 1, 'yaw' 2", grid.multiplot());
+  std::size_t row = 0, panel = 0;
   for (const auto& [scenario, of] : by_scenario) {
-    draft.commands += fmt::format("set title '{}, {} repeats'\n",
-                                  shown(plan.scenarios[scenario].name), of.front()->repeats);
+    draft.commands += fmt::format("set title '{}, {} repeats'\nset ylabel '{}'\n",
+                                  shown(plan.scenarios[scenario].name), of.front()->repeats,
+                                  grid.leftmost(panel) ? "repeatability / deg" : "");
     for (std::size_t k = 0; k < evaluation.solvers.size(); ++k) {
       const Solver& solver = *evaluation.solvers[k];
       const auto found = std::ranges::find(of, &solver, &ScenarioStatistics::solver);
@@ -374,6 +391,7 @@ std::vector<Draft> repeatability_drafts(const std::filesystem::path& folder, con
                     {std::string(solver.name), {}});
     }
     draft.end_plot().commands += "set key off\n";
+    ++panel;
   }
   draft.commands += "unset multiplot\n";
   csv.write(folder / "error_repeatability.csv");
@@ -456,11 +474,12 @@ std::vector<Draft> drift_drafts(const std::filesystem::path& folder, const RunRe
       returns ? "; marks are poses at zero angles again, whose error is what has moved since the "
                 "beginning of their repeat"
               : " (this run has no poses that return to zero, which would show it alone)");
-  draft.size = "1100,760";
-  draft.commands = fmt::format(
-      "set multiplot layout 3,1 margins 0.09,0.82,0.08,0.98 spacing 0,0.03\n"
+  const PanelGrid grid{.rows = kToldAxes.size(), .width = 830, .top = 15, .below = 20};
+  draft.size = grid.size();
+  draft.commands =
+      grid.multiplot() +
       "set key at screen 0.995,0.97\nset offsets graph 0.01, graph 0.01, graph 0.05, graph 0.05\n"
-      "set xzeroaxis lc rgb '#888888'\nset format x ''\n");
+      "set xzeroaxis lc rgb '#888888'\nset format x ''\nset autoscale xfix\n";
   for (std::size_t a = 0; a < kToldAxes.size(); ++a) {
     draft.commands += fmt::format("set ylabel '{} error / deg'\n", axis_name(kToldAxes[a]));
     if (a + 1 == kToldAxes.size())
@@ -564,25 +583,26 @@ std::vector<Draft> budget_drafts(const std::filesystem::path& folder, const Plan
   draft.figure.name = "error_budget";
   draft.figure.caption = fmt::format(
       "Where the error comes from, {}: shares of the causes in the predicted mean square of every "
-      "solver's total error, for a rig built to the drawings{}. Above each bar the predicted "
-      "total; "
-      "diamond: the observed mean square.",
+      "solver's total error, for a rig built to the drawings{}. Numbers are those of the key; "
+      "at the top stands the predicted total; diamond: the observed mean square.",
       plan.scenarios[*scenario].title,
       found ? " and for this one as found (where causes cancel, they sum up to more than 100 %)"
             : "");
-  draft.size = fmt::format("{},560", 330 + 90 * of.size() * panels.size());
+  const PanelGrid grid{.columns = panels.size(),
+                       .width = 90.0 * static_cast<double>(of.size()),
+                       .height = 400,
+                       .right = 320,
+                       .bottom = 90};
+  draft.size = grid.size();
   std::string tics;
   for (std::size_t i = 0; i < of.size(); ++i)
     tics += fmt::format("{}'{}' {}", i == 0 ? "" : ", ", of[i]->solver->name, i);
-  const double width = 330.0 + 90.0 * static_cast<double>(of.size() * panels.size());
   draft.commands = fmt::format(
       "set ylabel 'share of the mean square / %'\n"
       "set yrange [0:{:.5g}]\nset xrange [-0.6:{}.6]\nset xtics ({}) rotate by -30 scale 0\n"
-      "set grid noxtics\n"
-      "set multiplot layout 1,{} margins {:.4f},{:.4f},0.16,0.92 spacing {:.4f},0\n"
-      "set key at screen {:.4f},0.9 reverse Left samplen 1\n",
-      112.0 * highest, of.size() - 1, tics, panels.size(), 70.0 / width, 1.0 - 260.0 / width,
-      40.0 / width, 1.0 - 8.0 / width);
+      "set grid noxtics\n{}set key left at screen {:.4f},0.9 reverse Left samplen 1\n",
+      115.0 * highest, of.size() - 1, tics, grid.multiplot(),
+      1.0 - (grid.right - 10.0) / grid.whole_width());
   std::map<std::pair<std::size_t, std::string>, FileRows> rows;
   std::size_t row = 0;
   for (std::size_t p = 0; p < panels.size(); ++p) {
@@ -605,18 +625,16 @@ std::vector<Draft> budget_drafts(const std::filesystem::path& folder, const Plan
   for (std::size_t p = 0; p < panels.size(); ++p) {
     draft.commands += fmt::format("unset label\nset title '{}'\n", kPanelTitles[p]);
     for (std::size_t i = 0; i < panels[p].size(); ++i) {
-      double top = 0.0;
       for (std::size_t c = 0; c < causes.size(); ++c)
         for (const Piece& piece : pieces[causes[c]]) {
           if (piece.panel != p || piece.place != i) continue;
-          top = std::max(top, piece.to);
           if (piece.to - piece.from > 100.0 * kNumbered * highest)
             draft.commands += fmt::format("set label '{}' at {},{:.6g} center front\n", c + 1, i,
                                           0.5 * (piece.from + piece.to));
         }
-      draft.commands += fmt::format(
-          "set label '{:.4f} deg' at {},{:.6g} center offset 0,0.6 font 'sans,11' front\n",
-          panels[p][i].predicted_deg, i, top);
+      draft.commands +=
+          fmt::format("set label '{:.4f} deg' at {},graph 0.97 center font 'sans,11' front\n",
+                      panels[p][i].predicted_deg, i);
     }
     for (std::size_t c = 0; c < causes.size(); ++c) {
       // A colour that comes again is hatched.
@@ -633,7 +651,7 @@ std::vector<Draft> budget_drafts(const std::filesystem::path& folder, const Plan
                                       at->second.every(), look));
     }
     draft.element(
-        fmt::format("{} using 3:6 with points pt 13 ps 1.8 lc rgb 'black' title 'observed'",
+        fmt::format("{} using ($3+0.27):6 with points pt 13 ps 1.6 lc rgb 'black' title 'observed'",
                     rows.at({p, std::string(kObserved)}).every()));
     draft.end_plot().commands += "set key off\nset ylabel ''\n";
   }

@@ -15,7 +15,7 @@
 namespace turntable {
 namespace {
 
-constexpr double kPanelPx = 400.0, kScalePx = 90.0;  ///< of panels with one colour scale
+constexpr double kPanelPx = 400.0, kScalePx = 110.0;  ///< of panels with one colour scale
 
 void trajectory_figure(const std::filesystem::path& folder, const RunRecord& record,
                        std::size_t scenario, int repeat, std::vector<Draft>& drafts) {
@@ -92,7 +92,7 @@ void uniaxial_errors(Draft& draft, const PosePoints& points, const Evaluation& e
           }
   draft.commands =
       "set multiplot layout 3,1 margins 0.1,0.8,0.08,0.98 spacing 0,0.025\n"
-      "set key at screen 0.99,0.97\nset offsets graph 0.02, graph 0.02, 0, 0\n"
+      "set key at screen 0.99,0.97\nset autoscale xfix\nset offsets graph 0.02, graph 0.02, 0, 0\n"
       "set xzeroaxis lc rgb '#888888'\n";
   if (high > low) {
     const double room = 0.06 * (high - low);
@@ -125,7 +125,7 @@ std::string panels_with_scale(Draft& draft, std::size_t columns, std::size_t row
   return fmt::format(
       "set multiplot\nset key off\n{}set cblabel '{}'\nset cbrange [0:{:.6g}]\n"
       "set colorbox user origin {:.4f},0.2 size {:.4f},0.6\n",
-      kHeat, label, scale_deg > 0.0 ? scale_deg : 1.0, 1.0 - 0.9 * kScalePx / width, 20.0 / width);
+      kHeat, label, scale_deg > 0.0 ? scale_deg : 1.0, 1.0 - 0.85 * kScalePx / width, 20.0 / width);
 }
 
 /// Places the panel `k` of them.
@@ -153,7 +153,7 @@ void multiaxial_errors(Draft& draft, const PosePoints& points, const Evaluation&
   if (flat)
     draft.commands += fmt::format(
         "set xlabel '{} / deg'\nset ylabel '{} / deg'\n"
-        "set offsets graph 0.03, graph 0.03, graph 0.05, graph 0.05\n",
+        "set autoscale fix\nset offsets graph 0.04, graph 0.04, graph 0.05, graph 0.05\n",
         axis_name(info.axes[1]), axis_name(info.axes[0]));
   else
     draft.commands +=
@@ -168,7 +168,7 @@ void multiaxial_errors(Draft& draft, const PosePoints& points, const Evaluation&
                   fmt::format("${}+({:.4g})*($3-{})", error_column(info.axes[1]),
                               0.6 * target_step(evaluation, scenario, info.axes[1]) / info.repeats,
                               0.5 * (info.repeats + 1)),
-                  fmt::format("{}:10", error_column(info.axes[0])), "pt 7 ps 0.5 lc palette");
+                  fmt::format("{}:10", error_column(info.axes[0])), "pt 7 ps 0.6 lc palette");
     else
       points.draw(draft, solver, "$6", "5:4:10", "pt 7 ps 0.5 lc palette", "splot");
     draft.end_plot().commands += "unset colorbox\n";
@@ -324,7 +324,7 @@ std::optional<std::size_t> widest_scenario(const Plan& plan) {
 
 std::optional<Draft> spots_draft(const RunFolder& folder, const RunRecord& record,
                                  const Evaluation& evaluation) {
-  constexpr int kMarginPx = 24, kPanelImagePx = 300;
+  constexpr int kMarginPx = 50, kPanelImagePx = 300;
   const auto scenario = widest_scenario(record.plan);
   if (!scenario) return {};
   const ScenarioInfo& info = record.plan.scenarios[*scenario];
@@ -373,10 +373,12 @@ std::optional<Draft> spots_draft(const RunFolder& folder, const RunRecord& recor
       "serial number of the LED that it was matched with; above each the turntable's yaw, roll and "
       "pitch (as figure 12).",
       info.title);
-  draft.size = fmt::format("{},{}", 330 * columns, 350 * rows);
+  draft.size = fmt::format("{},{}", 320 * columns, 340 * rows);
   draft.commands = fmt::format(
       "set key off\nunset grid\nset size ratio -1\nset tics font ',10' out nomirror\n"
       "set xlabel 'u / px' offset 0,0.5\nset ylabel 'v / px' offset 1\n"
+      "set xtics 100\nset ytics 100\nset lmargin 7\nset rmargin 1\nset bmargin 3.2\nset tmargin "
+      "2.6\n"
       "set multiplot layout {},{}\n",
       rows, columns);
   Csv csv({"pose", "turntable_yaw_deg", "turntable_roll_deg", "turntable_pitch_deg", "led", "u_px",
@@ -399,7 +401,7 @@ std::optional<Draft> spots_draft(const RunFolder& folder, const RunRecord& recor
     draft.commands += fmt::format(
         "set title '{:+g}, {:+g}, {:+g} deg{}'\nset xrange [{}:{}]\nset yrange [{}:{}]\n"
         "plot {}, 'DATA' every ::{}::{} using 6:7 with points pt 1 ps 1.1 lw 1.2 lc rgb '#E69F00', "
-        "'' every ::{}::{} using 6:7:(sprintf('M%d', $5)) with labels left offset 0.8,0.7 font "
+        "'' every ::{}::{} using 6:7:(sprintf('M%d', $5)) with labels center offset 0,0.95 font "
         "'sans,13' textcolor rgb '#56B4E9'\n",
         pose->planned.yaw_deg, pose->planned.roll_deg, pose->planned.pitch_deg,
         pose->planned.role == PoseRole::kReference ? " (first pose)" : "", left - 0.5,
