@@ -7,6 +7,8 @@ foreach(module core imgproc imgcodecs features2d calib3d videoio)
   set_target_properties(opencv::${module} PROPERTIES IMPORTED_LOCATION ${OPENCV_${module}}
     INTERFACE_INCLUDE_DIRECTORIES ${OPENCV_INCLUDE})
 endforeach()
+target_link_libraries(opencv::core INTERFACE ${reference_lapack})
+target_link_options(opencv::core INTERFACE -Wl,--no-as-needed)  # nobody here calls BLAS by itself
 target_link_libraries(opencv::imgproc INTERFACE opencv::core)
 target_link_libraries(opencv::imgcodecs INTERFACE opencv::core)
 target_link_libraries(opencv::features2d INTERFACE opencv::imgproc)

@@ -10,6 +10,7 @@
 #include "src/app/commands.h"
 #include "src/app/progress.h"
 #include "src/app/provenance.h"
+#include "src/core/errors.h"
 #include "src/evaluation/calibrate.h"
 #include "src/record/atomic_file.h"
 #include "src/record/sha256.h"
@@ -108,6 +109,7 @@ Outputs make_outputs(const RunFolder& folder, OutputOptions options) {
   }
   out.cameras.push_back(compare_cameras(out.evaluation, out.rig, out.calibration));
   out.levels = truth_levels(out.record, out.rig, out.calibration, out.evaluation);
+  out.budgets = error_budgets(out.record, out.rig, out.calibration, out.evaluation, out.levels);
   for (const RunFolder& other : options.beside) out.cameras.push_back(stored_comparison(other));
   return out;
 }
@@ -133,7 +135,7 @@ int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrit
   for (const RunFolder& other : options.beside)
     how.beside.push_back(fs::absolute(other.root()).lexically_normal().string());
   const fs::path report = write_report(folder, made.record, made.rig, made.calibration, made.set,
-                                       made.evaluation, made.cameras, made.levels);
+                                       made.evaluation, made.cameras, made.levels, made.budgets);
   write_evaluation_record(how, folder.evaluation());
 
   for (const PlaneResidual& p : made.calibration.planes)

@@ -9,6 +9,7 @@
 #include "src/evaluation/calibration_set.h"
 #include "src/evaluation/camera_comparison.h"
 #include "src/evaluation/cross_validation.h"
+#include "src/evaluation/error_budget.h"
 #include "src/evaluation/evaluate.h"
 
 namespace turntable {
@@ -30,6 +31,7 @@ struct Outputs {
   Evaluation evaluation;
   std::vector<CameraComparison> cameras;
   TruthLevels levels;
+  std::vector<ErrorBudget> budgets;
 };
 Outputs make_outputs(const RunFolder& folder, OutputOptions options);
 

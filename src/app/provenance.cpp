@@ -1,5 +1,6 @@
 #include "src/app/provenance.h"
 
+#include <ceres/version.h>
 #include <fmt/format.h>
 #include <unistd.h>
 
@@ -69,6 +70,7 @@ Json program_provenance() {
       {"host", host},
       {"libraries",
        {{"opencv", CV_VERSION},
+        {"ceres", CERES_VERSION_STRING},
         {"eigen", dotted(EIGEN_WORLD_VERSION, EIGEN_MAJOR_VERSION, EIGEN_MINOR_VERSION)},
         {"boost", dotted(BOOST_VERSION / 100000, BOOST_VERSION / 100 % 1000, BOOST_VERSION % 100)},
         {"nlohmann_json", dotted(NLOHMANN_JSON_VERSION_MAJOR, NLOHMANN_JSON_VERSION_MINOR,

@@ -14,6 +14,7 @@
 #include "src/record/atomic_file.h"
 #include "src/record/sha256.h"
 #include "src/record/verify.h"
+#include "src/report/budget_tables.h"
 #include "src/report/level_tables.h"
 #include "src/report/tables.h"
 
@@ -120,8 +121,10 @@ void verify_outputs(const RunFolder& folder, RunFindings& findings) {
   const Outputs made = make_outputs(folder, std::move(options));
   write_atomically(again.calibration(), calibration_to_json(made.calibration));
   write_poses_csv(made.evaluation, made.record.plan, again.poses());
-  write_tables(again, made.record.plan, made.evaluation, made.calibration, made.cameras);
+  write_tables(again, made.record.plan, made.evaluation, made.calibration, made.cameras,
+               made.levels);
   write_level_tables(again, made.record.plan, made.levels);
+  write_budget_tables(again, made.record.plan, made.budgets);
   if (!beside_are_there)
     for (const char* name : {"camera_solver.csv", "camera_solver.md"})
       if (fs::exists(folder.tables() / name, error))

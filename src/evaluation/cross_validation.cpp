@@ -286,6 +286,29 @@ CrossValidation cross_validate(const Plan& plan, const RigFile& rig, const Calib
         out.rows.push_back({bound.scenario, evaluation.solvers[i], kTruthLevels[level],
                             error_statistics(taken, failed)});
       }
+  for (const Judged& at : s.judged) out.poses.push_back(sightings.places[at.pose]);
+  out.errors = std::move(errors);
+  return out;
+}
+
+Evaluation at_level(const Evaluation& evaluation, const CrossValidation& judged, TruthLevel level) {
+  const auto& errors = judged.errors[static_cast<std::size_t>(level)];
+  std::vector<std::size_t> place_of(evaluation.poses.size(), judged.poses.size());
+  for (std::size_t j = 0; j < judged.poses.size(); ++j) place_of[judged.poses[j]] = j;
+  Evaluation out;
+  out.solvers = evaluation.solvers;
+  for (std::size_t i = 0; i < evaluation.poses.size(); ++i) {
+    const EvaluatedPose& from = evaluation.poses[i];
+    const bool is_judged = place_of[i] < judged.poses.size();
+    if (!is_judged && from.planned.role == PoseRole::kMeasure) continue;
+    EvaluatedPose& pose = out.poses.emplace_back(from);
+    for (std::size_t k = 0; k < out.solvers.size() && is_judged; ++k) {
+      PoseResult& result = pose.results[k];
+      const std::optional<PoseError>& error = errors[k][place_of[i]];
+      result.measured = error.has_value();
+      if (error) result.error = *error;
+    }
+  }
   return out;
 }
 

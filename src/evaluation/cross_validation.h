@@ -20,6 +20,7 @@
 // Source: mathematics of the rig, sections 6 to 8. Units: deg.
 #pragma once
 
+#include <array>
 #include <optional>
 #include <string>
 #include <vector>
@@ -51,7 +52,15 @@ struct CrossValidation {
   std::size_t groups = 0;          ///< arrivals that were dealt out
   std::vector<LevelRow> rows;      ///< by scenario, solver, level
   std::vector<LevelBound> bounds;  ///< by scenario
+
+  /// Errors by level (kTruthLevels), solver, and place in `poses`; nothing without an attitude.
+  std::array<std::vector<std::vector<std::optional<PoseError>>>, std::size(kTruthLevels)> errors;
+  std::vector<std::size_t> poses;  ///< that are judged: places in Evaluation::poses
 };
+
+/// The evaluation with the held-out errors of one level: what any statistic can be taken of. Poses
+/// that are not judged are not in it, but reference poses are.
+Evaluation at_level(const Evaluation& evaluation, const CrossValidation& judged, TruthLevel level);
 
 /// Five, or as many as there are arrivals to deal out.
 constexpr int kFolds = 5;

@@ -460,6 +460,9 @@ std::vector<ErrorBudget> error_budgets(const BudgetInput& input) {
       totals[draw] = (squares / counts).sqrt();
     });
 
+    const auto direction = input.backlash_deg.find(scenario);
+    const std::array<double, 3> backlash =
+        direction == input.backlash_deg.end() ? std::array<double, 3>{} : direction->second;
     for (std::size_t k = 0; k < solvers.size(); ++k) {
       std::vector<PoseShare> shares(members.size());
       parallel_for(members.size(), [&](std::size_t m) {
@@ -506,7 +509,7 @@ std::vector<ErrorBudget> error_budgets(const BudgetInput& input) {
         found[place_of(noise)] = drawn[place_of(noise)];
       for (std::size_t a = 0; a < 3; ++a)
         found[place_of(Cause::kBacklash)](static_cast<Eigen::Index>(a)) =
-            n * std::pow(0.5 * input.backlash_deg[a], 2);
+            n * std::pow(0.5 * backlash[a], 2);
       AxisErrors sum_drawn = AxisErrors::Zero();
       for (std::size_t c = 0; c < kCauses; ++c) {
         BudgetLine line{static_cast<Cause>(c), amounts[c], contribution(drawn[c] / n), {}};
@@ -534,6 +537,25 @@ std::vector<ErrorBudget> error_budgets(const BudgetInput& input) {
     }
   }
   return out;
+}
+
+std::vector<ErrorBudget> error_budgets(const RunRecord& record, const RigFile& rig,
+                                       const Calibration& calibration, const Evaluation& evaluation,
+                                       const TruthLevels& levels) {
+  if (!levels.model) {
+    const RigModel model(rig, made_on_stage(calibration, record.plan));
+    return error_budgets({record, rig, calibration, evaluation, model, {}, {}});
+  }
+  BudgetInput input{record, rig, calibration, evaluation, *levels.model, levels.found.values, {}};
+  if (!levels.judged.poses.empty())
+    for (const ScenarioStatistics& s :
+         scenario_statistics(at_level(evaluation, levels.judged, TruthLevel::kSelfCalibrated)))
+      for (std::size_t a = 0; a < 3; ++a) {
+        const WithInterval& effect = s.axes[a].forward_minus_backward_deg;
+        const bool told = effect.interval.lower > 0.0 || effect.interval.upper < 0.0;
+        input.backlash_deg[s.scenario][a] = told ? effect.value : 0.0;
+      }
+  return error_budgets(input);
 }
 
 }  // namespace turntable

@@ -17,10 +17,12 @@
 #pragma once
 
 #include <array>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "src/evaluation/cross_validation.h"
 #include "src/evaluation/evaluate.h"
 #include "src/evaluation/rig_model.h"
 #include "src/evaluation/scenario_statistics.h"
@@ -79,9 +81,9 @@ struct BudgetInput {
   const RigModel& model;
   /// What self-calibration found; nothing: the lines have no `found`.
   std::optional<Eigen::VectorXd> values;
-  /// Forward minus backward of what is left at level "self-calibrated", by `kToldAxes`, deg: the
-  /// backlash that is found. Nothing where it cannot be told from zero.
-  std::array<double, 3> backlash_deg{};
+  /// Forward minus backward of what is left at level "self-calibrated", by scenario and `kToldAxes`,
+  /// deg: the backlash that is found. Zero where it cannot be told from zero.
+  std::map<std::size_t, std::array<double, 3>> backlash_deg;
 };
 
 /// Rigs that the cross-check draws, and poses of each scenario that it takes.
@@ -90,5 +92,11 @@ constexpr std::size_t kBudgetPoses = 120;
 
 /// One per scenario and solver of the evaluation. Parallel; the same for any number of threads.
 std::vector<ErrorBudget> error_budgets(const BudgetInput& input);
+
+/// The same with what the levels of truth found, if they found anything: values, and as backlash what
+/// is left between forward and backward of the self-calibrated errors of the scenario's last solver.
+std::vector<ErrorBudget> error_budgets(const RunRecord& record, const RigFile& rig,
+                                       const Calibration& calibration, const Evaluation& evaluation,
+                                       const TruthLevels& levels);
 
 }  // namespace turntable

@@ -12,6 +12,10 @@
 // Source: mathematics of the rig, section 7; R. T. Birge, Phys. Rev. 40 (1932) 207.
 // Units: those of RigModel. Domain: errors within several tolerances of the drawings.
 //
+// What the camera is uncertain by is not in these uncertainties. Above all, the plane frame is where the
+// pattern lay in its sweep, and that arrival of the rotary axes had an error too: it is in X and in the
+// stage's squareness, as the errors of the stage's arrivals at the pattern's planes are in its scale.
+//
 // A value of which the images say next to nothing (standard uncertainty above kHeldAbove of its prior)
 // is not determined: it is held at its drawing, keeps its prior, and the others are estimated with it
 // there; their uncertainties still count that it may be elsewhere.

@@ -219,7 +219,7 @@ class SvgInliner {
     if (!shows.solver.empty()) attributes += fmt::format(" data-solver=\"{}\"", shows.solver);
     if (!shows.poses.empty()) {
       const std::size_t points = shows.poses.size();
-      if (uses_ == points || (names_ && (uses_ == points + 1 || uses_ == points + 3))) {
+      if (names_ ? uses_ == points + 1 || uses_ == points + 3 : uses_ == points) {
         attributes += " data-poses=\"";
         for (const std::size_t pose : shows.poses) attributes += fmt::format("{} ", pose);
         attributes.back() = '"';
@@ -317,16 +317,19 @@ std::string markdown_to_html(std::string_view markdown) {
 fs::path write_html(const fs::path& markdown, const std::vector<Figure>& figures,
                     const Json* poses) {
   std::string body = markdown_to_html(read_text(markdown));
-  const std::vector<Heading> headings = headings_of(body);
-  // The first screen: all up to the second section. Contents follow it.
-  std::size_t sections = 0, first = body.size();
-  for (const Heading& h : headings)
-    if (h.level == '2' && ++sections == 2) first = h.at;
-  std::string top = body.substr(0, first);
-  body.erase(0, first);
   for (std::size_t i = 0; i < figures.size(); ++i)
     if (figures[i].drawn)
       insert_figure(body, figures[i], fmt::format("f{}-", i), markdown.parent_path() / "figures");
+  const std::vector<Heading> headings = headings_of(body);
+  // The first screen: all up to the sections, and what is in a report at a glance. Contents follow it.
+  std::size_t first = body.size();
+  for (const Heading& h : headings)
+    if (h.level == '2' && h.id != "at-a-glance") {
+      first = h.at;
+      break;
+    }
+  const std::string top = body.substr(0, first);
+  body.erase(0, first);
 
   std::string data;
   if (poses != nullptr) {

@@ -10,6 +10,7 @@
 #include "src/record/atomic_file.h"
 #include "src/record/csv.h"
 #include "src/record/run_journal.h"
+#include "src/report/budget_tables.h"
 #include "src/report/calibration_report.h"
 #include "src/report/evaluation_figures.h"
 #include "src/report/figures.h"
@@ -324,8 +325,9 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
                                    const std::optional<CalibrationSet>& set,
                                    const Evaluation& evaluation,
                                    const std::vector<CameraComparison>& cameras,
-                                   const TruthLevels& levels) {
-  const auto tables = write_tables(folder, record.plan, evaluation, calibration, cameras);
+                                   const TruthLevels& levels,
+                                   const std::vector<ErrorBudget>& budgets) {
+  const auto tables = write_tables(folder, record.plan, evaluation, calibration, cameras, levels);
   std::filesystem::create_directories(folder.figures());
   // The paper's in the order of its numbers, then what goes beyond.
   std::vector<Draft> drafts, beyond;
@@ -393,6 +395,7 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
   }
 
   md += levels_text(folder, record.plan, levels);
+  md += budget_text(write_budget_tables(folder, record.plan, budgets), record.plan, budgets);
   md += "## Failed poses\n\n" + failures_text(evaluation, record.plan);
   md += "\n" + images_text(record) + "## Camera\n\n" + calibration_text(calibration);
   for (const WrittenTable& t : tables)

@@ -8,6 +8,7 @@
 #include "src/evaluation/calibration_set.h"
 #include "src/evaluation/camera_comparison.h"
 #include "src/evaluation/cross_validation.h"
+#include "src/evaluation/error_budget.h"
 #include "src/evaluation/evaluate.h"
 
 namespace turntable {
@@ -21,6 +22,7 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
                                    const std::optional<CalibrationSet>& set,
                                    const Evaluation& evaluation,
                                    const std::vector<CameraComparison>& cameras,
-                                   const TruthLevels& levels);
+                                   const TruthLevels& levels,
+                                   const std::vector<ErrorBudget>& budgets);
 
 }  // namespace turntable

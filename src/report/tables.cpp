@@ -165,12 +165,44 @@ WrittenTable write_camera_solver_table(const RunFolder& folder,
 
 std::int64_t whole(std::size_t count) { return static_cast<std::int64_t>(count); }
 
+/// What one level of truth says.
+struct LevelStatistics {
+  std::string level;
+  std::vector<ScenarioStatistics> scenarios;
+  std::vector<PairedComparison> pairs;
+};
+
+/// As published over all poses; the others over the held-out poses that they are judged on.
+std::vector<LevelStatistics> level_statistics(const Evaluation& evaluation,
+                                              const TruthLevels& levels) {
+  std::vector<LevelStatistics> out;
+  for (const TruthLevel level : kTruthLevels) {
+    const bool published = level == TruthLevel::kPublished;
+    if (!published && levels.judged.poses.empty()) continue;
+    const Evaluation at = published ? evaluation : at_level(evaluation, levels.judged, level);
+    out.push_back(
+        {std::string(truth_level_name(level)), scenario_statistics(at), paired_comparisons(at)});
+  }
+  return out;
+}
+
+/// (level, row) of every level, one after the other.
+template <class Row>
+std::vector<std::pair<std::string, Row>> rows_of(const std::vector<LevelStatistics>& levels,
+                                                 std::vector<Row> LevelStatistics::*rows) {
+  std::vector<std::pair<std::string, Row>> out;
+  for (const LevelStatistics& level : levels)
+    for (const Row& row : level.*rows) out.emplace_back(level.level, row);
+  return out;
+}
+
 /// Bias and spread apart, percentiles, and what is left of the total by chance.
-Table statistics_table(const std::vector<ScenarioStatistics>& statistics, const Plan& plan) {
+Table statistics_table(const std::vector<LevelStatistics>& levels, const Plan& plan) {
   Table table{"statistics",
               "Errors of each scenario, all repeats together: bias (mean) and spread (standard "
               "deviation) apart, percentiles, 95 % intervals",
-              {{"scenario", "scenario"},
+              {{"level", "level"},
+               {"scenario", "scenario"},
                {"solver", "solver"},
                {"repeats", "repeats"},
                {"poses", "poses"},
@@ -189,9 +221,9 @@ Table statistics_table(const std::vector<ScenarioStatistics>& statistics, const 
                {"geodesic_percentile95_deg", "geodesic 95 % / deg"},
                {"geodesic_max_deg", "geodesic max / deg"}},
               {}};
-  for (const ScenarioStatistics& s : statistics) {
+  for (const auto& [level, s] : rows_of(levels, &LevelStatistics::scenarios)) {
     const ErrorStatistics& e = s.pooled;
-    table.rows.push_back({plan.scenarios[s.scenario].name, std::string(s.solver->name),
+    table.rows.push_back({level, plan.scenarios[s.scenario].name, std::string(s.solver->name),
                           std::int64_t{s.repeats}, whole(e.poses), whole(e.failed),
                           s.rmse_total_deg, e.pitch.mean_deg, e.roll.mean_deg, e.yaw.mean_deg,
                           e.pitch.standard_deviation_deg, e.roll.standard_deviation_deg,
@@ -203,12 +235,13 @@ Table statistics_table(const std::vector<ScenarioStatistics>& statistics, const 
 }
 
 /// What the same angles give again, and whether it matters from where an axis came.
-Table repeatability_table(const std::vector<ScenarioStatistics>& statistics, const Plan& plan) {
+Table repeatability_table(const std::vector<LevelStatistics>& levels, const Plan& plan) {
   Table table{"repeatability",
               "Repeatability over repeats (standard deviation at the same angles, noise of the "
               "initial poses included), and mean error of poses come to from below minus from "
               "above",
-              {{"scenario", "scenario"},
+              {{"level", "level"},
+               {"scenario", "scenario"},
                {"solver", "solver"},
                {"repeats", "repeats"},
                {"repeatability_pitch_deg", "repeatability pitch / deg"},
@@ -218,8 +251,8 @@ Table repeatability_table(const std::vector<ScenarioStatistics>& statistics, con
                {"forward_minus_backward_roll_deg", "forward - backward roll / deg"},
                {"forward_minus_backward_yaw_deg", "forward - backward yaw / deg"}},
               {}};
-  for (const ScenarioStatistics& s : statistics) {
-    std::vector<Cell> row{plan.scenarios[s.scenario].name, std::string(s.solver->name),
+  for (const auto& [level, s] : rows_of(levels, &LevelStatistics::scenarios)) {
+    std::vector<Cell> row{level, plan.scenarios[s.scenario].name, std::string(s.solver->name),
                           std::int64_t{s.repeats}};
     for (const AxisDetail& a : s.axes) row.emplace_back(a.repeatability_deg);
     for (const AxisDetail& a : s.axes) row.emplace_back(a.forward_minus_backward_deg);
@@ -228,11 +261,12 @@ Table repeatability_table(const std::vector<ScenarioStatistics>& statistics, con
   return table;
 }
 
-Table paired_table(const std::vector<PairedComparison>& comparisons, const Plan& plan) {
+Table paired_table(const std::vector<LevelStatistics>& levels, const Plan& plan) {
   Table table{"paired",
               "Is one solver better than another? Change of the total RMSE from the first to the "
               "other over the same poses, 95 % interval",
-              {{"scenario", "scenario"},
+              {{"level", "level"},
+               {"scenario", "scenario"},
                {"first", "first"},
                {"other", "other"},
                {"poses", "poses of both"},
@@ -242,10 +276,10 @@ Table paired_table(const std::vector<PairedComparison>& comparisons, const Plan&
                {"share_other_nearer", "share of poses where the other is nearer", 2},
                {"verdict", "the other is"}},
               {}};
-  for (const PairedComparison& c : comparisons) {
+  for (const auto& [level, c] : rows_of(levels, &LevelStatistics::pairs)) {
     using Verdict = PairedComparison::Verdict;
     const Verdict verdict = c.verdict();
-    table.rows.push_back({plan.scenarios[c.scenario].name, std::string(c.first->name),
+    table.rows.push_back({level, plan.scenarios[c.scenario].name, std::string(c.first->name),
                           std::string(c.other->name), whole(c.poses), whole(c.only_first),
                           whole(c.only_other), c.change_deg, c.share_other_nearer,
                           std::string(verdict == Verdict::kBetter  ? "better"
@@ -285,7 +319,8 @@ Table iso230_table(const std::vector<Iso230>& rows, const Plan& plan) {
 
 std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan,
                                        const Evaluation& evaluation, const Calibration& calibration,
-                                       const std::vector<CameraComparison>& cameras) {
+                                       const std::vector<CameraComparison>& cameras,
+                                       const TruthLevels& levels) {
   std::filesystem::create_directories(folder.tables());
   std::vector<WrittenTable> written{write_table1(folder, calibration)};
 
@@ -323,11 +358,10 @@ std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan
   }
   if (!cameras.empty() && !cameras.front().cells.empty() && cameras.front().cells.front().poses > 0)
     written.push_back(write_camera_solver_table(folder, cameras));
-  const std::vector<ScenarioStatistics> statistics = scenario_statistics(evaluation);
+  const std::vector<LevelStatistics> statistics = level_statistics(evaluation, levels);
   for (const Table& table :
        {statistics_table(statistics, plan), repeatability_table(statistics, plan),
-        paired_table(paired_comparisons(evaluation), plan),
-        iso230_table(iso230(evaluation, plan), plan)})
+        paired_table(statistics, plan), iso230_table(iso230(evaluation, plan), plan)})
     if (!table.rows.empty()) written.push_back(write_table(table, folder.tables()));
   return written;
 }

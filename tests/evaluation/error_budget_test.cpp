@@ -35,11 +35,10 @@ void hide_target(RigFile& rig, Random& random) {
     rig.simulation->target_errors_mm[i] = hidden(random, 0.1);
 }
 
-std::vector<ErrorBudget> budgets_of(const PointRun& run, std::array<double, 3> backlash_deg = {}) {
+std::vector<ErrorBudget> budgets_of(const PointRun& run) {
   const TruthLevels levels = truth_levels(run.record, run.rig, run.calibration, run.evaluation);
   EXPECT_TRUE(levels.model.has_value()) << levels.why_not;
-  return error_budgets({run.record, run.rig, run.calibration, run.evaluation, *levels.model,
-                        levels.found.values, backlash_deg});
+  return error_budgets(run.record, run.rig, run.calibration, run.evaluation, levels);
 }
 
 std::string lines_of(const ErrorBudget& budget) {
@@ -89,6 +88,7 @@ TEST_P(ErrorBudgetLine, NamesTheCause) {
       GetParam().cause == Cause::kSpots || GetParam().cause == Cause::kRepeatability;
   PointRunOptions options;
   options.sigma_px = GetParam().cause == Cause::kSpots ? 0.2 : 0.02;
+  options.both_ways = GetParam().cause == Cause::kBacklash;
   const PointRun run(rig, 7, {find_solver("ml_ray")}, options);
   const ErrorBudget b = budgets_of(run).front();
   double largest = 0.0;
@@ -118,6 +118,14 @@ INSTANTIATE_TEST_SUITE_P(
                       SingleCause{Cause::kStage,
                                   [](RigFile& rig, Random&) {
                                     rig.simulation->stage_squareness_deg = {0.2, -0.25};
+                                  }},
+                      SingleCause{Cause::kBacklash,
+                                  [](RigFile& rig, Random&) {
+                                    for (const AxisId axis : kRotaryAxes) {
+                                      rig.simulation->axes[axis].backlash = 0.1;
+                                      rig.axes.at(axis).backlash =
+                                          0.0;  // approached from both sides
+                                    }
                                   }},
                       SingleCause{Cause::kRepeatability, [](RigFile& rig, Random&) {
                                     for (const AxisId axis : kRotaryAxes) {

@@ -48,6 +48,11 @@ std::string csv_of_two_solvers() {
          std::string(kSolvers[0].name) + ",9,9,18\n" + std::string(kSolvers[1].name) + ",9,9,18\n";
 }
 
+/// An SVG is too long to be printed by a matcher.
+bool has(const std::string& svg, const std::string& text) {
+  return svg.find(text) != std::string::npos;
+}
+
 TEST(InlineSvg, TellsPointsOfSolversAndTheirPoses) {
   const Draft draft = two_solvers();
   const std::string svg = inline_svg(draw_svg(draft, csv_of_two_solvers()), draft.figure, "f3-");
@@ -55,12 +60,12 @@ TEST(InlineSvg, TellsPointsOfSolversAndTheirPoses) {
     return "<g class=\"plot\" data-solver=\"" + std::string(solver.name) + "\" data-poses=\"" +
            poses + "\">";
   };
-  EXPECT_THAT(svg, AllOf(HasSubstr(group(kSolvers[0], "7 8 9")),
-                         HasSubstr(group(kSolvers[1], "7 9")), HasSubstr("<g class=\"plot\">\n")));
-  EXPECT_THAT(svg,
-              AllOf(Not(HasSubstr("unlinked")), Not(HasSubstr("<?xml")), Not(HasSubstr("xlink")),
-                    Not(HasSubstr("id='gp")), HasSubstr("id='f3-gpPt"), HasSubstr("href='#f3-gpPt"),
-                    Not(HasSubstr("rgb("))));
+  for (const std::string& text :
+       {group(kSolvers[0], "7 8 9"), group(kSolvers[1], "7 9"), std::string("<g class=\"plot\">\n"),
+        std::string("id='f3-gpPt"), std::string("href='#f3-gpPt")})
+    EXPECT_TRUE(has(svg, text)) << text;
+  for (const char* text : {"unlinked", "<?xml", "xlink", "id='gp", "rgb("})
+    EXPECT_FALSE(has(svg, text)) << text;
 }
 
 TEST(InlineSvg, LinksNothingWhereGnuplotLeftOutAPoint) {
@@ -68,7 +73,8 @@ TEST(InlineSvg, LinksNothingWhereGnuplotLeftOutAPoint) {
   std::string csv = csv_of_two_solvers();
   csv.replace(csv.find(",8,8,16"), 7, ",8,8,NaN");
   const std::string svg = inline_svg(draw_svg(draft, csv), draft.figure, "f0-");
-  EXPECT_THAT(svg, AllOf(HasSubstr("class=\"unlinked\""), Not(HasSubstr("data-poses=\"7 8 9"))));
+  EXPECT_TRUE(has(svg, "class=\"unlinked\""));
+  EXPECT_FALSE(has(svg, "data-poses=\"7 8 9"));
 }
 
 TEST(MarkdownToHtml, HasHeadersIdsAndNoForeignMarkup) {
@@ -87,8 +93,8 @@ TEST(WriteHtml, PutsFiguresWithOneCaptionIntoThePage) {
   const Draft draft = two_solvers();
   std::filesystem::create_directories(folder / "figures");
   write_atomically(folder / "figures/two.svg", draw_svg(draft, csv_of_two_solvers()));
-  write_atomically(folder / "report.md", "# Title\n\nText\n\n## First\n\n## Figures\n\n" +
-                                             figures_markdown({draft.figure}));
+  write_atomically(folder / "report.md",
+                   "# Title\n\nText\n\n## Figures\n\n" + figures_markdown({draft.figure}));
   const Json poses{{"a", "</script>"}};
   const auto page = write_html(folder / "report.md", {draft.figure}, &poses);
   EXPECT_EQ(page, folder / "report.html");

@@ -117,7 +117,7 @@ class Page:
         self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
 
     def picture(self, name):
-        png = base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
+        png = base64.b64decode(self.call("Page.captureScreenshot", format="png", optimizeForSpeed=True)["data"])
         with open(os.path.join(PICTURES, name + ".png"), "wb") as file:
             file.write(png)
         at, pixels = 8, b""

@@ -1,0 +1,175 @@
+#include "src/report/budget_tables.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "src/record/atomic_file.h"
+#include "src/record/csv.h"
+
+namespace turntable {
+namespace {
+
+void add_contribution(std::vector<Cell>& row, const std::optional<Contribution>& c) {
+  for (std::size_t a = 0; a < 3; ++a) row.push_back(c ? Cell(c->axis_deg[a]) : Cell());
+  row.push_back(c ? Cell(c->total_deg()) : Cell());
+}
+
+/// Every line of every budget.
+Table long_table(const Plan& plan, const std::vector<ErrorBudget>& budgets) {
+  Table table{"budget",
+              "",
+              {{"scenario", ""},
+               {"solver", ""},
+               {"poses", ""},
+               {"left_out", ""},
+               {"line", ""},
+               {"amount", ""},
+               {"drawn_pitch_deg", ""},
+               {"drawn_roll_deg", ""},
+               {"drawn_yaw_deg", ""},
+               {"drawn_total_deg", ""},
+               {"found_pitch_deg", ""},
+               {"found_roll_deg", ""},
+               {"found_yaw_deg", ""},
+               {"found_total_deg", ""}},
+              {}};
+  for (const ErrorBudget& b : budgets) {
+    const auto row = [&](std::string line, std::string amount,
+                         const std::optional<Contribution>& drawn,
+                         const std::optional<Contribution>& found) {
+      std::vector<Cell> cells{plan.scenarios[b.scenario].name,
+                              std::string(b.solver->name),
+                              static_cast<std::int64_t>(b.poses),
+                              static_cast<std::int64_t>(b.left_out),
+                              std::move(line),
+                              std::move(amount)};
+      add_contribution(cells, drawn);
+      add_contribution(cells, found);
+      table.rows.push_back(std::move(cells));
+    };
+    for (const BudgetLine& line : b.lines)
+      row(std::string(cause_name(line.cause)), line.amount, line.drawn, line.found);
+    row("all together", "root of the sum of squares; found: pose by pose", b.drawn, b.found);
+    const auto only_total = [&](std::string line, double total) {
+      row(std::move(line), fmt::format("{} drawn rigs", kBudgetDraws), {}, {});
+      table.rows.back()[9] = total;
+    };
+    only_total("drawn rigs: root mean square", b.monte_carlo_deg.value);
+    only_total("drawn rigs: 2.5 % below", b.monte_carlo_deg.interval.lower);
+    only_total("drawn rigs: 97.5 % below", b.monte_carlo_deg.interval.upper);
+    row("observed", "as in the tables, over the same poses", {}, b.observed);
+  }
+  return table;
+}
+
+/// One scenario: lines down, solvers across, totals only.
+Table shown_table(const Plan& plan, const std::vector<const ErrorBudget*>& budgets) {
+  Table table{"budget",
+              fmt::format("Error budget, {}: contributions to the total RMSE",
+                          plan.scenarios[budgets.front()->scenario].title),
+              {{"line", "cause"}},
+              {}};
+  const bool found = budgets.front()->found.has_value();
+  for (const ErrorBudget* b : budgets)
+    table.columns.push_back({fmt::format("drawn_{}_deg", b->solver->name),
+                             fmt::format("built to the drawings: {} / deg", b->solver->name)});
+  for (const ErrorBudget* b : budgets)
+    if (found)
+      table.columns.push_back({fmt::format("found_{}_deg", b->solver->name),
+                               fmt::format("as found: {} / deg", b->solver->name)});
+  table.columns.push_back({"amount", "amount and source (standard uncertainty)"});
+  const auto row = [&](std::string line, const std::string& amount, auto&& drawn, auto&& of_found) {
+    std::vector<Cell> cells{std::move(line)};
+    for (const ErrorBudget* b : budgets) cells.push_back(drawn(*b));
+    for (const ErrorBudget* b : budgets)
+      if (found) cells.push_back(of_found(*b));
+    cells.emplace_back(amount);
+    table.rows.push_back(std::move(cells));
+  };
+  const auto nothing = [](const ErrorBudget&) { return Cell(); };
+  for (std::size_t i = 0; i < budgets.front()->lines.size(); ++i) {
+    const BudgetLine& line = budgets.front()->lines[i];
+    row(
+        std::string(cause_name(line.cause)), line.amount,
+        [i](const ErrorBudget& b) { return Cell(b.lines[i].drawn.total_deg()); },
+        [i](const ErrorBudget& b) { return Cell(b.lines[i].found->total_deg()); });
+  }
+  row(
+      "**all together**", "root of the sum of squares; as found: pose by pose",
+      [](const ErrorBudget& b) { return Cell(b.drawn.total_deg()); },
+      [](const ErrorBudget& b) { return Cell(b.found->total_deg()); });
+  row(
+      "rigs drawn from these tolerances [95 % of them]", fmt::format("{} rigs", kBudgetDraws),
+      [](const ErrorBudget& b) { return Cell(b.monte_carlo_deg); }, nothing);
+  const auto observed = [](const ErrorBudget& b) { return Cell(b.observed.total_deg()); };
+  if (found)
+    row("**observed**", "over the same poses", nothing, observed);
+  else
+    row("**observed**", "over the same poses", observed, nothing);
+  return table;
+}
+
+std::vector<const ErrorBudget*> of_scenario(const std::vector<ErrorBudget>& budgets,
+                                            std::size_t scenario) {
+  std::vector<const ErrorBudget*> out;
+  for (const ErrorBudget& b : budgets)
+    if (b.scenario == scenario) out.push_back(&b);
+  return out;
+}
+
+}  // namespace
+
+std::size_t shown_scenario(const Plan& plan, const std::vector<ErrorBudget>& budgets) {
+  const auto rank = [&](const ErrorBudget& b) {
+    return std::pair(plan.scenarios[b.scenario].axes.size(), b.poses);
+  };
+  return std::ranges::max_element(budgets, {}, rank)->scenario;
+}
+
+std::vector<WrittenTable> write_budget_tables(const RunFolder& folder, const Plan& plan,
+                                              const std::vector<ErrorBudget>& budgets) {
+  if (budgets.empty()) return {};
+  std::filesystem::create_directories(folder.tables());
+  const Table shown = shown_table(plan, of_scenario(budgets, shown_scenario(plan, budgets)));
+  const std::string markdown = table_markdown(shown);
+  write_atomically(folder.tables() / "budget.csv", table_csv(long_table(plan, budgets)));
+  write_atomically(folder.tables() / "budget.md", fmt::format("# {}\n\n{}", shown.title, markdown));
+  write_atomically(folder.tables() / "budget.tex", table_latex(shown));
+  return {{shown.name, shown.title, markdown}};
+}
+
+std::string budget_text(const std::vector<WrittenTable>& written, const Plan& plan,
+                        const std::vector<ErrorBudget>& budgets) {
+  if (written.empty() || budgets.empty()) return {};
+  const std::vector<const ErrorBudget*> shown = of_scenario(budgets, shown_scenario(plan, budgets));
+  std::string md =
+      "## Error budget\n\n"
+      "Where the errors of the level \"as published\" come from. *Built to the drawings*: what "
+      "each "
+      "tolerance of the rig file lets expect, before anything is measured; lines add as squares "
+      "(GUM), and rigs drawn at random from the same tolerances, solved without anything "
+      "linearised, check the sum. ";
+  if (shown.front()->found)
+    md +=
+        "*As found*: the same lines with the values that self-calibration found in this run. These "
+        "are numbers and no tolerances: they add up pose by pose and may cancel. The lines of "
+        "noise are the same in both. What the observed total exceeds the prediction by, nothing "
+        "here explains.\n\n";
+  else
+    md += "What this rig turned out to be is not known: self-calibration was not possible.\n\n";
+  for (const WrittenTable& table : written)
+    md += fmt::format("### {}\n\n{}\n", table.title, table.markdown);
+  for (const ErrorBudget* b : shown)
+    if (b->found)
+      md += fmt::format(
+          "- `{}`: predicted {} deg, observed {} deg: {:+.0f} %{}\n", b->solver->name,
+          fixed(b->found->total_deg(), 4), fixed(b->observed.total_deg(), 4),
+          100.0 * (b->found->total_deg() / b->observed.total_deg() - 1.0),
+          b->left_out == 0
+              ? ""
+              : fmt::format(" ({} poses left out, near which the solver jumps)", b->left_out));
+  return md + "\nEvery scenario, axis by axis: `tables/budget.csv`.\n\n";
+}
+
+}  // namespace turntable
