@@ -294,8 +294,8 @@ void map_figure(const Context& to, const std::vector<MapPoint>& map, int steps,
           "noborder\n"
           "plot 'DATA' every ::1 using 1:2:({:.4f}):({:.4f}):3 with boxxyerror lc "
           "palette, $domain using 1:2 with lines lw 2 lc rgb '#000000'\n",
-          label, largest > 0.0 ? 1.3 * largest : 1.0, 0.5 * size.width / steps,
-          0.5 * size.height / steps);
+          label, largest > 0.0 ? 1.3 * largest : 1.0, 0.5 * (size.width - 1) / (steps - 1),
+          0.5 * (size.height - 1) / (steps - 1));
   to.add(std::move(draft), csv);
 }
 

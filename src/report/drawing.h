@@ -77,6 +77,8 @@ class PosePoints {
   /// columns drawn: gnuplot leaves such a point out, and those behind it could not be told any more.
   Csv& row(const Solver& solver, std::size_t pose);
   const Csv& csv() const { return csv_; }
+  /// A plot command of such points only is an error to gnuplot.
+  bool none_of(const Solver& solver) const { return !poses_.contains(&solver); }
   /// Adds the solver's points to the plot. @param x, rest gnuplot's columns: an expression ("$3"), and
   /// what follows it ("4", "4:5:6") @param look behind "with points", such as `solver_look`
   void draw(Draft& draft, const Solver& solver, std::string_view x, std::string_view rest,

@@ -399,8 +399,11 @@ std::vector<Draft> repeatability_drafts(const std::filesystem::path& folder, con
 }
 
 std::vector<Draft> drift_drafts(const std::filesystem::path& folder, const RunRecord& record,
-                                const Evaluation& evaluation) {
+                                const Evaluation& published, const TruthLevels& levels) {
   constexpr std::size_t kBlocks = 40, kFewestPerBlock = 5;
+  const bool residual = !levels.judged.rows.empty();
+  const Evaluation evaluation =
+      residual ? at_level(published, levels.judged, TruthLevel::kSelfCalibrated) : published;
   // Each session's clock begins anew: then the order alone is told.
   const bool one_clock = record.sessions.size() < 2;
   std::map<std::size_t, double> when;
@@ -467,9 +470,10 @@ std::vector<Draft> drift_drafts(const std::filesystem::path& folder, const RunRe
   Draft draft;
   draft.figure.name = "error_drift";
   draft.figure.caption = fmt::format(
-      "Does anything drift? Errors in the order of time{}: lines are means of blocks of poses, "
+      "Does anything drift? Errors {} in the order of time{}: lines are means of blocks of poses, "
       "scenario by scenario and repeat by repeat; they wave with the angles of a scenario, and a "
       "drift would carry them away{}.",
+      residual ? "at level \"self-calibrated\"" : "as published",
       one_clock ? "" : " (several sessions: by the order of taking)",
       returns ? "; marks are poses at zero angles again, whose error is what has moved since the "
                 "beginning of their repeat"

@@ -35,10 +35,11 @@ std::vector<Draft> bound_drafts(const std::filesystem::path& folder, const Plan&
 std::vector<Draft> repeatability_drafts(const std::filesystem::path& folder, const Plan& plan,
                                         const Evaluation& evaluation);
 
-/// error_drift: errors of the "return" poses, which were zero at the beginning, and block means of all
-/// the others, in the order of time.
+/// error_drift: errors of the "return" poses, which are at zero angles again, and block means of all
+/// the others, in the order of time. @param levels gives the residual errors, self-calibrated and
+/// held-out, if it was judged; else those are as published.
 std::vector<Draft> drift_drafts(const std::filesystem::path& folder, const RunRecord& record,
-                                const Evaluation& evaluation);
+                                const Evaluation& evaluation, const TruthLevels& levels);
 
 /// error_budget: shares of the causes in the mean square error of every solver, as tolerances let
 /// expect and as found, and the observed one; of `widest_scenario`.

@@ -22,12 +22,15 @@ void trajectory_figure(const std::filesystem::path& folder, const RunRecord& rec
   const ScenarioInfo& info = record.plan.scenarios[scenario];
   Csv csv({"point", "rig_time_s", "stage_mm", "turntable_yaw_deg", "turntable_roll_deg",
            "turntable_pitch_deg"});
+  bool any = false;
   for (const TakenPose& p : record.poses)
     if (p.planned.scenario == scenario && p.planned.repeat == repeat) {
+      any = true;
       csv.integer(p.planned.point).number(p.rig_time_s, 3).number(p.stage.position, 5);
       csv.number(p.yaw.position, 5).number(p.roll.position, 5).number(p.pitch.position, 5);
       csv.end_row();
     }
+  if (!any) return;
   Draft draft;
   draft.figure.name = "figure13_" + info.name;
   draft.figure.caption = fmt::format(
@@ -140,7 +143,10 @@ std::string panel_place(std::size_t k, std::size_t columns, std::size_t rows, do
 /// Errors where several axes turn: a panel per solver, one colour scale for all.
 void multiaxial_errors(Draft& draft, const PosePoints& points, const Evaluation& evaluation,
                        std::size_t scenario, const ScenarioInfo& info) {
-  const std::size_t count = evaluation.solvers.size(), columns = std::min<std::size_t>(3, count),
+  std::vector<const Solver*> solvers;
+  for (const Solver* solver : evaluation.solvers)
+    if (!points.none_of(*solver)) solvers.push_back(solver);
+  const std::size_t count = solvers.size(), columns = std::min<std::size_t>(3, count),
                     rows = (count + columns - 1) / columns;
   const bool flat = info.axes.size() == 2;
   draft.figure.caption = fmt::format(
@@ -160,7 +166,7 @@ void multiaxial_errors(Draft& draft, const PosePoints& points, const Evaluation&
         "set xlabel 'pitch / deg'\nset ylabel 'roll / deg'\nset zlabel 'yaw / deg' rotate\n"
         "set xyplane 0.05\nset view 65,35\nset tics font ',9'\n";
   for (std::size_t k = 0; k < count; ++k) {
-    const Solver& solver = *evaluation.solvers[k];
+    const Solver& solver = *solvers[k];
     draft.commands += panel_place(k, columns, rows, kPanelPx);
     draft.commands += fmt::format("set title '{}'\n", solver.name);
     if (flat)
@@ -192,6 +198,9 @@ void error_figure(const std::filesystem::path& folder, const RunRecord& record,
       csv.end_row();
     }
   }
+  if (std::ranges::all_of(evaluation.solvers,
+                          [&](const Solver* solver) { return points.none_of(*solver); }))
+    return;
   const bool uniaxial = info.axes.size() == 1;
   Draft draft;
   draft.figure.name = (uniaxial ? "figure14_" : "figure15_") + info.name;

@@ -343,8 +343,9 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
   take(angle_drafts(folder.figures(), record.plan, rig, calibration, evaluation));
   take(normality_drafts(folder.figures(), record.plan, evaluation));
   take(bound_drafts(folder.figures(), record.plan, levels));
+  take(budget_drafts(folder.figures(), record.plan, budgets));
   take(repeatability_drafts(folder.figures(), record.plan, evaluation));
-  take(drift_drafts(folder.figures(), record, evaluation));
+  take(drift_drafts(folder.figures(), record, evaluation, levels));
   take(time_drafts(folder.figures(), record, rig));
   const std::size_t of_paper = drafts.size();
   std::ranges::move(beyond, std::back_inserter(drafts));
