@@ -83,8 +83,8 @@ void pattern_figure(const Context& to, const PatternExample& example) {
         "set xrange [{}:{}]\nset yrange [{}:{}]\nplot {}, "
         "'DATA' every ::1 using 5:6 with points pt 1 ps {} lw {} lc rgb '#D55E00'{}\n",
         part.left - 0.5, part.right + 0.5, part.bottom + 0.5, part.top - 0.5,
-        image_part(to.folder, name, example.image, part, every), large ? 1.6 : 0.35,
-        large ? 2.0 : 0.6,
+        image_part(to.folder, name, example.image, part, every), large ? 1.6 : 0.5,
+        large ? 2.0 : 0.9,
         large ? ", '' every ::1 using 5:6:(sprintf('%d,%d', $1, $2)) with labels offset 0,1.1 font "
                 "'sans,14' textcolor rgb '#0072B2'"
               : "");

@@ -77,7 +77,7 @@ double normal_quantile(double probability) {
 }
 
 /// "uniaxial_x" as gnuplot shows it between single quotes.
-std::string shown(std::string_view text) {
+std::string in_quotes(std::string_view text) {
   std::string out;
   for (const char c : text) {
     if (c == '\'') out += c;
@@ -310,7 +310,7 @@ std::vector<Draft> bound_drafts(const std::filesystem::path& folder, const Plan&
       tics += fmt::format("{}'{}' {}", i == 0 ? "" : ", ", names[i], i);
     draft.commands +=
         fmt::format("set title '{}'\nset ylabel '{}'\nset xrange [-0.6:{}.6]\nset xtics ({})\n",
-                    shown(plan.scenarios[bound.scenario].name),
+                    in_quotes(plan.scenarios[bound.scenario].name),
                     grid.leftmost(panel) ? "total RMSE / deg" : "", names.size() - 1, tics);
     for (const TruthLevel level : kTruthLevels) {
       const auto& of = bars[static_cast<std::size_t>(level)];
@@ -370,7 +370,7 @@ std::vector<Draft> repeatability_drafts(const std::filesystem::path& folder, con
   std::size_t row = 0, panel = 0;
   for (const auto& [scenario, of] : by_scenario) {
     draft.commands += fmt::format("set title '{}, {} repeats'\nset ylabel '{}'\n",
-                                  shown(plan.scenarios[scenario].name), of.front()->repeats,
+                                  in_quotes(plan.scenarios[scenario].name), of.front()->repeats,
                                   grid.leftmost(panel) ? "repeatability / deg" : "");
     for (std::size_t k = 0; k < evaluation.solvers.size(); ++k) {
       const Solver& solver = *evaluation.solvers[k];
