@@ -43,8 +43,6 @@ struct Context {
 /// Plane heights in file names and captions: 130, not 130.00002.
 double tidy_mm(double z) { return std::round(1000.0 * z) / 1000.0; }
 
-constexpr const char* kHeat = "set palette defined (0 '#fff5e1', 0.5 '#E69F00', 1 '#8c2d04')\n";
-
 /// Least distance of two points of a plane, to scale arrows by.
 double arrow_span_mm(const CalibrationSet& set, const std::vector<PlanePoint>& points) {
   if (set.spacing_mm > 0.0) return set.spacing_mm;
@@ -57,7 +55,6 @@ double arrow_span_mm(const CalibrationSet& set, const std::vector<PlanePoint>& p
 
 void pattern_figure(const Context& to, const PatternExample& example) {
   if (example.points.empty()) return;
-  write_atomically(to.folder / "figure8_pattern.png", encode_png(example.image));
   Csv csv({"column", "row", "x_mm", "y_mm", "u_px", "v_px", "sigma_px"});
   const PatternPoint* middle = &example.points.front();
   const Vector2d centre(0.5 * example.image.width, 0.5 * example.image.height);
@@ -72,40 +69,50 @@ void pattern_figure(const Context& to, const PatternExample& example) {
   for (const PatternPoint& p : example.points)
     if (&p != middle) nearest = std::min(nearest, (p.centre_px - middle->centre_px).norm());
   step = std::isfinite(nearest) ? nearest : 20.0;
-  // Every other pixel of the whole image: it is drawn at about half its size, and the page carries it.
-  const auto part = [&](double left, double right, double top, double bottom, double size,
-                        const char* every) {
+  const Region whole{0, 0, example.image.width - 1, example.image.height - 1};
+  constexpr int kWholePx = 400;  // of the drawn image: the page carries it
+  const auto around = [step](double centre_px, int end) {
+    return std::pair(std::max(0, static_cast<int>(std::floor(centre_px - 1.7 * step))),
+                     std::min(end, static_cast<int>(std::ceil(centre_px + 1.7 * step))));
+  };
+  const auto [left, right] = around(middle->centre_px.x(), whole.right);
+  const auto [top, bottom] = around(middle->centre_px.y(), whole.bottom);
+  const Region detail{left, top, right, bottom};
+  const auto drawn = [&](const char* name, const Region& part, int every, bool large) {
     return fmt::format(
-        "set xrange [{}:{}]\nset yrange [{}:{}]\n"
-        "plot 'figure8_pattern.png' binary filetype=png flipy {} using 1:1:1 with rgbimage, "
-        "'DATA' every ::1 using 5:6 with points pt 1 ps {} lc rgb '#D55E00', "
-        "'' every ::1 using 5:6:(sprintf('%d,%d', $1, $2)) with labels offset 0,{} font 'sans,{}' "
-        "textcolor rgb '#009E73'\n",
-        left, right, bottom, top, every, 0.6 * size, 0.7 * size, 6.0 * size);
+        "set xrange [{}:{}]\nset yrange [{}:{}]\nplot {}, "
+        "'DATA' every ::1 using 5:6 with points pt 1 ps {} lw {} lc rgb '#D55E00'{}\n",
+        part.left - 0.5, part.right + 0.5, part.bottom + 0.5, part.top - 0.5,
+        image_part(to.folder, name, example.image, part, every), large ? 1.6 : 0.5,
+        large ? 2.0 : 0.9,
+        large ? ", '' every ::1 using 5:6:(sprintf('%d,%d', $1, $2)) with labels offset 0,1.1 font "
+                "'sans,14' textcolor rgb '#0072B2'"
+              : "");
   };
   Draft draft;
   draft.figure.name = "figure8_pattern";
   draft.figure.caption = fmt::format(
-      "A processed image of the pattern ({}) with every point's centre and name (column, row), and "
-      "an enlarged detail (as figure 8).",
+      "A processed image of the pattern ({}) with the centre that was found of every point, and a "
+      "detail with their names, column and row from the pattern's origin (as figure 8).",
       example.file);
   draft.size = "1400,720";
   draft.commands =
       "set key off\nset size ratio -1\nunset grid\nset xlabel 'u / px'\nset ylabel 'v / px'\n"
       "set multiplot layout 1,2\n" +
-      part(-0.5, example.image.width - 0.5, -0.5, example.image.height - 0.5, 1.0,
-           example.image.width > 800 ? "every 2:2" : "") +
-      part(middle->centre_px.x() - 1.7 * step, middle->centre_px.x() + 1.7 * step,
-           middle->centre_px.y() - 1.7 * step, middle->centre_px.y() + 1.7 * step, 2.0, "") +
-      "unset multiplot\n";
+      drawn("figure8_pattern_whole", whole,
+            std::max(1, (example.image.width + kWholePx - 1) / kWholePx), false) +
+      drawn("figure8_pattern_detail", detail, 1, true) + "unset multiplot\n";
   to.add(std::move(draft), csv);
 }
 
 void positions_figure(const Context& to, const CalibrationSet& set) {
   Csv csv({"z_mm", "x_mm", "y_mm", "recalculated_x_mm", "recalculated_y_mm", "in_domain"});
   std::string plots;
+  Vector2d low(INFINITY, INFINITY), high(-INFINITY, -INFINITY);
   for (const SeenPlane& plane : set.planes) {
     for (const PlanePoint& p : plane.points) {
+      low = low.cwiseMin(p.on_plane_mm);
+      high = high.cwiseMax(p.on_plane_mm);
       const Vector2d at = p.on_plane_mm + residual_mm(to.calibration.irt, p);
       csv.number(tidy_mm(plane.z_mm), 3).number(p.on_plane_mm.x(), 4).number(p.on_plane_mm.y(), 4);
       csv.number(at.x(), 5).number(at.y(), 5);
@@ -113,10 +120,10 @@ void positions_figure(const Context& to, const CalibrationSet& set) {
     }
     plots += fmt::format(
         "set title '{:g} mm ({})'\nplot 'DATA' every ::1 using ($1 == {:.3f} ? $2 : 1/0):3 with "
-        "points "
-        "pt 6 ps 1.1 lc rgb '{}' title 'standard', '' every ::1 using ($1 == {:.3f} && $6 == 1 ? "
-        "$4 : "
-        "1/0):5 with points pt 2 ps 0.7 lc rgb '{}' title 'recalculated'\n",
+        "points pt 6 ps 0.9 lc rgb '{}' title 'standard', '' every ::1 using ($1 == {:.3f} && $6 "
+        "== "
+        "1 ? $4 : 1/0):5 with points pt 2 ps 0.6 lw 1.6 lc rgb '{}' title 'recalculated'\n"
+        "set key off\n",
         tidy_mm(plane.z_mm), plane.fit ? "fitted" : "kept out", tidy_mm(plane.z_mm), kColours[0],
         tidy_mm(plane.z_mm), kColours[1]);
   }
@@ -125,15 +132,18 @@ void positions_figure(const Context& to, const CalibrationSet& set) {
   Draft draft;
   draft.figure.name = "figure9_positions";
   draft.figure.caption =
-      "Positions of the pattern's points on each plane: standard, and recalculated by the ray "
-      "model "
-      "from their pixels, those in the calibrated area (as figure 9).";
-  draft.size = fmt::format("{},{}", 480 * columns, 480 * rows);
+      "Positions of the pattern's points on each plane, on one scale: standard (circles), and "
+      "recalculated by the ray model from their pixels (crosses), those in the calibrated area (as "
+      "figure 9).";
+  draft.size = fmt::format("{},{}", 440 * columns, 50 + 440 * rows);
+  const Vector2d room = 0.06 * (high - low);
   draft.commands = fmt::format(
-      "set key below\nset size ratio -1\nset xlabel 'x / mm'\nset ylabel 'y / mm'\n"
-      "set offsets graph 0.06, graph 0.06, graph 0.06, graph 0.06\n"
-      "set multiplot layout {},{}\n{}unset multiplot\n",
-      rows, columns, plots);
+      "set size ratio -1\nset xlabel 'x / mm'\nset ylabel 'y / mm'\n"
+      "set xrange [{}:{}]\nset yrange [{}:{}]\nset key at screen 0.5,0.995 center top horizontal "
+      "maxrows 1\nset bmargin 4\nset tmargin 3\nset multiplot layout {},{} title ' '\n{}unset "
+      "multiplot\n",
+      low.x() - room.x(), high.x() + room.x(), low.y() - room.y(), high.y() + room.y(), rows,
+      columns, plots);
   to.add(std::move(draft), csv);
 }
 
@@ -172,7 +182,7 @@ void residual_figures(const Context& to, const CalibrationSet& set, const SeenPl
     map.figure.name = fmt::format("figure10_residuals_{:g}mm", z);
     map.figure.caption = fmt::format(
         "Residuals of the ray model {}, interpolated between the points in the calibrated area: "
-        "contour map and in three dimensions (as figure 10).",
+        "contour map and in three dimensions, on a scale of their own (as figure 10).",
         which);
     map.size = "1300,600";
     map.commands =
@@ -184,8 +194,8 @@ void residual_figures(const Context& to, const CalibrationSet& set, const SeenPl
             "splot $inside using 1:2:3 with pm3d nocontour, '' using 1:2:3 with lines lc rgb "
             "'#444444' lw 0.8 nosurface\n"
             "unset contour\nset view 58,35\nset size noratio\nset xyplane 0\nset zlabel 'residual "
-            "/ "
-            "mm' rotate\nunset colorbox\nsplot $inside using 1:2:3 with pm3d\nunset multiplot\n",
+            "/ mm' rotate offset -1.5\nunset colorbox\nsplot $inside using 1:2:3 with pm3d\nunset "
+            "multiplot\n",
             low.x(), high.x(), low.y(), high.y());
     to.add(std::move(map), csv);
   }
@@ -284,8 +294,8 @@ void map_figure(const Context& to, const std::vector<MapPoint>& map, int steps,
           "noborder\n"
           "plot 'DATA' every ::1 using 1:2:({:.4f}):({:.4f}):3 with boxxyerror lc "
           "palette, $domain using 1:2 with lines lw 2 lc rgb '#000000'\n",
-          label, largest > 0.0 ? 1.3 * largest : 1.0, 0.5 * size.width / steps,
-          0.5 * size.height / steps);
+          label, largest > 0.0 ? 1.3 * largest : 1.0, 0.5 * (size.width - 1) / (steps - 1),
+          0.5 * (size.height - 1) / (steps - 1));
   to.add(std::move(draft), csv);
 }
 

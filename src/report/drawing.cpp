@@ -73,6 +73,31 @@ std::string solver_look(const Solver& solver, std::size_t place) {
   return fmt::format("pt {} lc rgb '{}' title '{}'", place + 4, solver_colour(place), solver.name);
 }
 
+std::string solver_line(const Solver& solver, std::size_t place) {
+  return fmt::format("dt {} lw 1.5 lc rgb '{}' title '{}'", place % 5 + 1, solver_colour(place),
+                     solver.name);
+}
+
+std::string image_part(const std::filesystem::path& folder, const std::string& name,
+                       ImageView image, const Region& part, int every) {
+  const ImageSize size{(part.right - part.left + 1) / every, (part.bottom - part.top + 1) / every};
+  Image out(size, 0);
+  for (int v = 0; v < size.height; ++v)
+    for (int u = 0; u < size.width; ++u) {
+      int sum = 0;
+      for (int j = 0; j < every; ++j)
+        for (int i = 0; i < every; ++i)
+          sum += image.row(part.top + v * every + j)[part.left + u * every + i];
+      out.row(v)[u] = static_cast<std::uint8_t>(sum / (every * every) / 4 * 4);
+    }
+  write_atomically(folder / (name + ".png"), encode_png(out));
+  const double middle = 0.5 * (every - 1);
+  return fmt::format(
+      "'{}.png' binary filetype=png flipy origin=({},{}) dx={} dy={} using 1:1:1 with rgbimage "
+      "notitle",
+      name, part.left + middle, part.top + middle, every, every);
+}
+
 PosePoints::PosePoints(const std::vector<std::string>& columns)
     : csv_([&] {
         std::vector<std::string> header{"solver", "pose"};

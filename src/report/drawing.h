@@ -11,12 +11,18 @@
 
 #include "src/attitude/solver.h"
 #include "src/record/csv.h"
+#include "src/record/image_archive.h"
 
 namespace turntable {
 
 // Okabe & Ito (2008): told apart by colour-blind readers and in grey.
 inline constexpr std::array<const char*, 6> kColours{"#0072B2", "#D55E00", "#009E73",
                                                      "#CC79A7", "#E69F00", "#56B4E9"};
+/// Pale to dark, so that it reads in grey and a small value recedes: every map of errors. In steps,
+/// so that a colour is found again on the scale.
+inline constexpr const char* kHeat =
+    "set palette maxcolors 20\nset palette defined (0 '#fdebc8', 0.35 '#E69F00', 0.7 '#a63c06', 1 "
+    "'#3d1002')\n";
 
 /// What one element of a plot command shows: the page hides it with its solver, and finds a pose in it.
 struct Element {
@@ -51,6 +57,16 @@ const char* solver_colour(std::size_t place);
 /// "pt 4 lc rgb '...' title 'posit'": its mark, colour and name.
 std::string solver_look(const Solver& solver, std::size_t place);
 
+/// "dt 2 lw 1.5 lc rgb '...' title 'posit'": the same of a line.
+std::string solver_line(const Solver& solver, std::size_t place);
+
+/// Pixels of a grey image for a figure: writes <folder>/<name>.png and returns the element of the plot
+/// that draws it, in pixels of the whole image with v down ("set yrange [bottom:top]"). gnuplot takes
+/// it into the SVG. @param part inside the image @param every one pixel drawn for the mean of so many
+/// by so many, in 64 shades: noise is what makes such a picture large.
+std::string image_part(const std::filesystem::path& folder, const std::string& name,
+                       ImageView image, const Region& part, int every = 1);
+
 /// The file of a figure that has one point per solver and pose: columns "solver", "pose" (index in
 /// the plan, as in poses.csv), then the figure's own. Every such figure is made with it, so that a
 /// solver can be hidden and a pose be chosen in all of them.
@@ -61,6 +77,8 @@ class PosePoints {
   /// columns drawn: gnuplot leaves such a point out, and those behind it could not be told any more.
   Csv& row(const Solver& solver, std::size_t pose);
   const Csv& csv() const { return csv_; }
+  /// A plot command of such points only is an error to gnuplot.
+  bool none_of(const Solver& solver) const { return !poses_.contains(&solver); }
   /// Adds the solver's points to the plot. @param x, rest gnuplot's columns: an expression ("$3"), and
   /// what follows it ("4", "4:5:6") @param look behind "with points", such as `solver_look`
   void draw(Draft& draft, const Solver& solver, std::string_view x, std::string_view rest,

@@ -12,6 +12,7 @@
 #include "src/record/run_journal.h"
 #include "src/report/budget_tables.h"
 #include "src/report/calibration_report.h"
+#include "src/report/evaluation_figures.h"
 #include "src/report/figures.h"
 #include "src/report/html_report.h"
 #include "src/report/level_tables.h"
@@ -328,11 +329,26 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
                                    const std::vector<ErrorBudget>& budgets) {
   const auto tables = write_tables(folder, record.plan, evaluation, calibration, cameras, levels);
   std::filesystem::create_directories(folder.figures());
-  std::vector<Draft> drafts = calibration_drafts(folder.figures(), calibration, set);
-  for (Draft& draft : attitude_drafts(folder.figures(), record, evaluation))
-    drafts.push_back(std::move(draft));
-  for (Draft& draft : time_drafts(folder.figures(), record, rig))
-    drafts.push_back(std::move(draft));
+  // The paper's in the order of its numbers, then what goes beyond.
+  std::vector<Draft> drafts, beyond;
+  const auto take = [&](std::vector<Draft> made) {
+    for (Draft& draft : made)
+      (draft.figure.name.starts_with("figure") ? drafts : beyond).push_back(std::move(draft));
+  };
+  take(calibration_drafts(folder.figures(), calibration, set));
+  std::optional<Draft> spots = spots_draft(folder, record, evaluation);
+  const bool no_spots = !spots && widest_scenario(record.plan);
+  if (spots) drafts.push_back(std::move(*spots));
+  take(attitude_drafts(folder.figures(), record, evaluation));
+  take(angle_drafts(folder.figures(), record.plan, rig, calibration, evaluation));
+  take(normality_drafts(folder.figures(), record.plan, evaluation));
+  take(bound_drafts(folder.figures(), record.plan, levels));
+  take(budget_drafts(folder.figures(), record.plan, budgets));
+  take(repeatability_drafts(folder.figures(), record.plan, evaluation));
+  take(drift_drafts(folder.figures(), record, evaluation, levels));
+  take(time_drafts(folder.figures(), record, rig));
+  const std::size_t of_paper = drafts.size();
+  std::ranges::move(beyond, std::back_inserter(drafts));
   const std::vector<Figure> figures = draw(folder.figures(), drafts);
 
   std::string md =
@@ -388,7 +404,13 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
       md +=
           fmt::format("\n<details><summary>{}</summary>\n\n{}\n</details>\n", t.title, t.markdown);
 
-  md += "\n## Figures\n\n" + figures_markdown(figures);
+  const auto behind = figures.begin() + static_cast<std::ptrdiff_t>(of_paper);
+  md += "\n## Figures\n\n### As in the paper\n\n" + figures_markdown({figures.begin(), behind});
+  if (no_spots)
+    md +=
+        "The spots in their images (as figure 12) are left out: no image of the motion that they "
+        "would show is archived.\n\n";
+  md += "### Beyond the paper\n\n" + figures_markdown({behind, figures.end()});
   if (rig.simulation && rig.simulated())
     md += "## Simulated error budget\n\n" + simulation_budget(rig) + "\n";
   md += time_text(record) + telemetry_text(record) + sessions_text(record);

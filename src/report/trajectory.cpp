@@ -22,7 +22,7 @@ int column_of(AxisId axis) {
 std::string placed(const Panel& p) {
   return fmt::format(
       "set autoscale fix\n"
-      "set offsets graph 0.01, graph 0.01, graph 0.05, graph 0.05\n"
+      "set offsets graph 0.03, graph 0.03, graph 0.06, graph 0.06\n"
       "set origin {:.5f},{:.5f}\nset size {:.5f},{:.5f}\n",
       p.x, p.y, p.width, p.height);
 }
