@@ -66,18 +66,18 @@ Table long_table(const Plan& plan, const std::vector<ErrorBudget>& budgets) {
 /// One scenario: lines down, solvers across, totals only.
 Table shown_table(const Plan& plan, const std::vector<const ErrorBudget*>& budgets) {
   Table table{"budget",
-              fmt::format("Error budget, {}: contributions to the total RMSE",
+              fmt::format("Error budget, {}: contributions to the total RMSE, deg",
                           plan.scenarios[budgets.front()->scenario].title),
               {{"line", "cause"}},
               {}};
   const bool found = budgets.front()->found.has_value();
   for (const ErrorBudget* b : budgets)
-    table.columns.push_back({fmt::format("drawn_{}_deg", b->solver->name),
-                             fmt::format("built to the drawings: {} / deg", b->solver->name)});
+    table.columns.push_back(
+        {fmt::format("drawn_{}_deg", b->solver->name), fmt::format("drawn: {}", b->solver->name)});
   for (const ErrorBudget* b : budgets)
     if (found)
       table.columns.push_back({fmt::format("found_{}_deg", b->solver->name),
-                               fmt::format("as found: {} / deg", b->solver->name)});
+                               fmt::format("found: {}", b->solver->name)});
   table.columns.push_back({"amount", "amount and source (standard uncertainty)"});
   const auto row = [&](std::string line, const std::string& amount, auto&& drawn, auto&& of_found) {
     std::vector<Cell> cells{std::move(line)};
@@ -145,14 +145,15 @@ std::string budget_text(const std::vector<WrittenTable>& written, const Plan& pl
   const std::vector<const ErrorBudget*> shown = of_scenario(budgets, shown_scenario(plan, budgets));
   std::string md =
       "## Error budget\n\n"
-      "Where the errors of the level \"as published\" come from. *Built to the drawings*: what "
+      "Where the errors of the level \"as published\" come from. *Drawn*: what "
       "each "
-      "tolerance of the rig file lets expect, before anything is measured; lines add as squares "
+      "tolerance of the rig file lets expect of a rig that is built to its drawings, before "
+      "anything is measured; lines add as squares "
       "(GUM), and rigs drawn at random from the same tolerances, solved without anything "
       "linearised, check the sum. ";
   if (shown.front()->found)
     md +=
-        "*As found*: the same lines with the values that self-calibration found in this run. These "
+        "*Found*: the same lines with the values that self-calibration found in this run. These "
         "are numbers and no tolerances: they add up pose by pose and may cancel. The lines of "
         "noise are the same in both. What the observed total exceeds the prediction by, nothing "
         "here explains.\n\n";

@@ -286,7 +286,10 @@ std::string statistics_text(const std::vector<WrittenTable>& tables) {
     else if (t.name != "table1" && t.name != "camera_solver")
       published += fmt::format("### {}\n\n{}\n", t.title, t.markdown);
   }
-  return published + "## Beyond the published tables\n\n" + beyond;
+  return published +
+         "## Beyond the published tables\n\nLevel \"as published\"; the files of the same names in "
+         "`tables/` have the other levels of truth and every pair too.\n\n" +
+         beyond;
 }
 
 /// What a cell of the table of cameras and solvers counts, and where else its measurements appear.

@@ -87,8 +87,9 @@ WrittenTable write_table1(const RunFolder& folder, const Calibration& calibratio
 /// A scenario may be called what it likes; "table3" or "statistics" without being it must not look like
 /// it.
 std::string own_table_name(const std::string& scenario) {
-  constexpr std::array<std::string_view, 6> kTaken{"statistics", "repeatability", "paired",
-                                                   "iso230",     "camera_solver", "tables"};
+  constexpr std::array<std::string_view, 10> kTaken{
+      "statistics", "repeatability", "paired",     "iso230",                 "camera_solver",
+      "levels",     "budget",        "identified", "identified_correlation", "noise"};
   const bool taken = scenario.starts_with("table") || scenario.starts_with("scenario_") ||
                      std::ranges::find(kTaken, scenario) != kTaken.end();
   return taken ? "scenario_" + scenario : scenario;
@@ -315,6 +316,31 @@ Table iso230_table(const std::vector<Iso230>& rows, const Plan& plan) {
   return table;
 }
 
+/// Files have every row; the report those as published, pairs with the first solver, and no row that
+/// states nothing.
+Table for_the_report(const Table& table) {
+  Table out = table;
+  const auto states = [](const Cell& cell) {
+    if (const double* number = std::get_if<double>(&cell)) return std::isfinite(*number);
+    const WithInterval* interval = std::get_if<WithInterval>(&cell);
+    return interval != nullptr && std::isfinite(interval->value);
+  };
+  std::erase_if(out.rows, [&](const std::vector<Cell>& row) {
+    if (std::ranges::none_of(row, states)) return true;
+    for (std::size_t c = 0; c < row.size(); ++c) {
+      const std::string* text = std::get_if<std::string>(&row[c]);
+      if (text == nullptr) continue;
+      const std::string& column = table.columns[c].csv;
+      if (column == "level" && *text != truth_level_name(TruthLevel::kPublished)) return true;
+      if (column == "first" && *text != std::get<std::string>(table.rows.front()[c])) return true;
+    }
+    return false;
+  });
+  for (TableColumn& column : out.columns)
+    if (column.csv == "level") column.title.clear();
+  return out;
+}
+
 }  // namespace
 
 std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan,
@@ -361,8 +387,11 @@ std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan
   const std::vector<LevelStatistics> statistics = level_statistics(evaluation, levels);
   for (const Table& table :
        {statistics_table(statistics, plan), repeatability_table(statistics, plan),
-        paired_table(statistics, plan), iso230_table(iso230(evaluation, plan), plan)})
-    if (!table.rows.empty()) written.push_back(write_table(table, folder.tables()));
+        paired_table(statistics, plan), iso230_table(iso230(evaluation, plan), plan)}) {
+    if (table.rows.empty()) continue;
+    written.push_back(write_table(table, folder.tables()));
+    written.back().markdown = table_markdown(for_the_report(table));
+  }
   return written;
 }
 

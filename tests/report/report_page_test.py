@@ -6,6 +6,7 @@ keyboard, a solver can be hidden, a point chosen. Then every page of the PDF.
 usage: report_page_test.py TURNTABLE_PROGRAM SOURCE_FOLDER PICTURE_FOLDER
 """
 import base64
+import glob
 import json
 import os
 import shutil
@@ -323,6 +324,9 @@ def main():
         finally:
             browser.close()
         check_pdf(os.path.join(run, "report.pdf"))
+        tables = glob.glob(os.path.join(run, "tables", "*.tex"))
+        assert len(tables) >= 8, f"LaTeX of these tables only: {tables}"
+        subprocess.run([sys.executable, os.path.join(os.path.dirname(__file__), "check_latex.py"), *tables], check=True)
     print(f"pictures: {PICTURES}")
 
 
