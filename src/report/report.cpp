@@ -14,6 +14,7 @@
 #include "src/report/figures.h"
 #include "src/report/html_report.h"
 #include "src/report/level_tables.h"
+#include "src/report/noise_report.h"
 #include "src/report/pose_data.h"
 #include "src/report/published.h"
 #include "src/report/tables.h"
@@ -323,7 +324,8 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
                                    const std::optional<CalibrationSet>& set,
                                    const Evaluation& evaluation,
                                    const std::vector<CameraComparison>& cameras,
-                                   const TruthLevels& levels) {
+                                   const TruthLevels& levels,
+                                   const std::optional<NoiseCampaign>& noise) {
   const auto tables = write_tables(folder, record.plan, evaluation, calibration, cameras);
   std::filesystem::create_directories(folder.figures());
   std::vector<Draft> drafts = calibration_drafts(folder.figures(), calibration, set);
@@ -331,6 +333,8 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
     drafts.push_back(std::move(draft));
   for (Draft& draft : time_drafts(folder.figures(), record, rig))
     drafts.push_back(std::move(draft));
+  if (noise)
+    for (Draft& draft : noise_drafts(folder.figures(), *noise)) drafts.push_back(std::move(draft));
   const std::vector<Figure> figures = draw(folder.figures(), drafts);
 
   std::string md =
@@ -378,6 +382,7 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
   }
 
   md += levels_text(folder, record.plan, levels);
+  if (noise) md += noise_text(folder, record, *noise);
   md += "## Failed poses\n\n" + failures_text(evaluation, record.plan);
   md += "\n" + images_text(record) + "## Camera\n\n" + calibration_text(calibration);
   for (const WrittenTable& t : tables)

@@ -243,15 +243,10 @@ Table paired_table(const std::vector<PairedComparison>& comparisons, const Plan&
                {"verdict", "the other is"}},
               {}};
   for (const PairedComparison& c : comparisons) {
-    using Verdict = PairedComparison::Verdict;
-    const Verdict verdict = c.verdict();
     table.rows.push_back({plan.scenarios[c.scenario].name, std::string(c.first->name),
                           std::string(c.other->name), whole(c.poses), whole(c.only_first),
                           whole(c.only_other), c.change_deg, c.share_other_nearer,
-                          std::string(verdict == Verdict::kBetter  ? "better"
-                                      : verdict == Verdict::kWorse ? "worse"
-                                      : verdict == Verdict::kSame  ? "the same within 1 %"
-                                                                   : "not told apart")});
+                          std::string(change_verdict_name(c.verdict()))});
   }
   return table;
 }
