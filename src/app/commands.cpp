@@ -572,7 +572,17 @@ int evaluate_command(const EvaluateArguments& a) {
 }
 
 int report_command(const ReportArguments& a) {
-  if (a.runs.size() == 2) return compare_command(a);
+  if (a.runs.size() == 2) {
+    if (!a.beside.empty())
+      throw ConfigError(
+          "--beside", "",
+          "sets cameras beside those of one run, and two are given to be compared. Name "
+          "one run, or leave it out.");
+    return compare_command(a);
+  }
+  if (!a.out.empty())
+    throw ConfigError("--out", "",
+                      "is for the comparison of two runs; the report of one lies in its folder.");
   const fs::path& run = a.runs.front();
   const RunFolder folder = RunFolder::open(run);
   refuse_if_taken(run);
