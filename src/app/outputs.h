@@ -19,10 +19,10 @@ struct OutputOptions {
   std::optional<Calibration> calibration;
   EvaluateOptions evaluate;
   std::vector<RunFolder> beside;  ///< runs whose cameras are set beside this one's
+  bool pdf = false;  ///< also print report.pdf
   /// Noise to be added to images of the run, or, where spots are the journal's, noise that was: from
   /// the stored noise_spots.csv then. An empty scenario is chosen.
   std::optional<NoiseOptions> noise = {};
-  bool pdf = false;  ///< also print report.pdf
 };
 
 /// What is written, before it is.

@@ -16,6 +16,12 @@ constexpr const char* kDetailFigure = "figure17_noise";
 constexpr const char* kCloudFigure = "figure18_noise";
 constexpr std::size_t kCloudPoses = 250;  ///< more hide each other
 
+/// Distance of the ticks of a scale from -`scale` to `scale`: one digit, two or three on either side.
+std::string tick(double scale) {
+  const double third = scale / 3.0, unit = std::pow(10.0, std::floor(std::log10(third)));
+  return fmt::format("{:.6g}", std::ceil(third / unit) * unit);
+}
+
 Rounded grey(double sigma) { return {sigma, sigma == std::floor(sigma) ? 0 : 3}; }
 
 void detail_figure(const std::filesystem::path& folder, const NoiseCampaign& campaign,
@@ -49,9 +55,9 @@ void detail_figure(const std::filesystem::path& folder, const NoiseCampaign& cam
   draft.commands = fmt::format(
       "set multiplot layout 1,{}\nset key off\nset palette gray\nset cbrange [0:255]\n"
       "unset colorbox\nset size ratio -1\nset xlabel 'u / px'\nset ylabel 'v / px'\n"
-      "set xrange [{}:{}]\nset yrange [{}:{}] reverse\nset xtics 20\nset ytics 20\nunset grid\n",
-      count, detail.left - 0.5, detail.left + detail.side - 0.5, detail.top - 0.5,
-      detail.top + detail.side - 0.5);
+      "set xrange [{}:{}]\nset yrange [{}:{}]\nset xtics 20\nset ytics 20\nunset grid\n",
+      count, detail.left - 0.5, detail.left + detail.side - 0.5, detail.top + detail.side - 0.5,
+      detail.top - 0.5);  // v down
   const int pixels = detail.side * detail.side;
   for (std::size_t level = 0; level < count; ++level) {
     const int from = 1 + static_cast<int>(level) * pixels;  // behind the header
@@ -115,13 +121,14 @@ void cloud_figure(const std::filesystem::path& folder, const NoiseCampaign& camp
   const double width = kPanelPx * static_cast<double>(count) + kKeyPx;
   draft.size = fmt::format("{:.0f},{:.0f}", width, 2.0 * kPanelPx + 20.0);
   draft.commands = fmt::format(
-      "set multiplot\nset key off\nset size {0:.5f},0.5\nset xrange [{1}:{2}]\nset yrange "
-      "[{1}:{2}]\nset xtics {3} rotate by -45\nset ytics {3}\nedge(x) = x > {4} ? {4} : x < -{4} ? "
+      "set multiplot\nset key off\nset size {0:.5f},0.5\nset lmargin 8\nset rmargin 1\nset tmargin "
+      "2\n"
+      "set bmargin 4\nset tics font ',9'\nset xrange [{1}:{2}]\nset yrange "
+      "[{1}:{2}]\nset xtics {3}\nset ytics {3}\nedge(x) = x > {4} ? {4} : x < -{4} ? "
       "-{4} "
       ": x\n",
-      kPanelPx / width, fixed(-1.05 * scale, 6), fixed(1.05 * scale, 6), fixed(0.5 * scale, 6),
+      kPanelPx / width, fixed(-1.05 * scale, 6), fixed(1.05 * scale, 6), tick(scale),
       fixed(scale, 6));
-  draft.commands += "set format '%.2g'\nset tics font ',9'\n";
   for (const auto& [row, name, column] :
        {std::tuple(0, "pitch", "$6"), std::tuple(1, "roll", "$5")})
     for (std::size_t level = 0; level < count; ++level) {
@@ -133,7 +140,8 @@ void cloud_figure(const std::filesystem::path& folder, const NoiseCampaign& camp
           campaign.levels[level].sigma_grey, name);
       const bool with_key = row == 0 && level + 1 == count;
       if (with_key)
-        draft.commands += fmt::format("set key at screen {:.5f},0.95 right top\n", 0.995);
+        draft.commands += fmt::format("set key at screen {:.5f},0.95 left top Left reverse\n",
+                                      1.0 - kKeyPx / width);
       for (std::size_t k = 0; k < solvers.size(); ++k)
         points.draw(draft, *solvers[k], fmt::format("($3 == {} ? edge($4) : 1/0)", sigma),
                     fmt::format("(edge({}))", column), "ps 0.4 " + solver_look(*solvers[k], k),
