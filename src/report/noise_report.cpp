@@ -117,11 +117,12 @@ void cloud_figure(const std::filesystem::path& folder, const NoiseCampaign& camp
       every == 1 ? "the" : fmt::format("every {}th of the {}", every, measure),
       campaign.options.scenario);
   const std::size_t count = campaign.levels.size();
-  constexpr double kPanelPx = 240.0, kKeyPx = 170.0;
+  constexpr double kPanelPx = 260.0, kKeyPx = 200.0;
   const double width = kPanelPx * static_cast<double>(count) + kKeyPx;
   draft.size = fmt::format("{:.0f},{:.0f}", width, 2.0 * kPanelPx + 20.0);
   draft.commands = fmt::format(
-      "set multiplot\nset key off\nset size {0:.5f},0.5\nset lmargin 8\nset rmargin 1\nset tmargin "
+      "set multiplot\nset key off\nset size {0:.5f},0.5\nset lmargin 10\nset rmargin 1\nset "
+      "tmargin "
       "2\n"
       "set bmargin 4\nset tics font ',9'\nset xrange [{1}:{2}]\nset yrange "
       "[{1}:{2}]\nset xtics {3}\nset ytics {3}\nedge(x) = x > {4} ? {4} : x < -{4} ? "
