@@ -55,7 +55,7 @@ std::vector<RunFact> differences(const Compared& a, const Compared& b) {
   std::vector<RunFact> facts = plan_differences(a.run.record.plan, b.run.record.plan);
   const auto calibration = [](const Compared& c) {
     return Json{{"source", c.run.calibration.source},
-                {"sha256", sha256_hex(read_text(c.folder.calibration()))}};
+                {"sha256", sha256_hex(read_text(c.folder.calibration())).substr(0, 16)}};
   };
   const auto add = [&](const std::string& what, const Json& first, const Json& other) {
     for (RunFact& fact : json_differences(what, first, other)) facts.push_back(std::move(fact));

@@ -102,6 +102,17 @@ double median_sigma_px(const Evaluation& evaluation) {
   return percentile(sigmas, 0.5);
 }
 
+/// Rms change of the matched spots' coordinates; NaN if no pose was matched in both.
+double shift_px(const Evaluation& before, const Evaluation& after) {
+  std::vector<double> shifts;
+  for (std::size_t i = 0; i < after.poses.size(); ++i) {
+    const auto &from = before.poses[i].points_px, &to = after.poses[i].points_px;
+    for (std::size_t k = 0; k < std::min(from.size(), to.size()); ++k)
+      for (const double d : {to[k].x() - from[k].x(), to[k].y() - from[k].y()}) shifts.push_back(d);
+  }
+  return root_mean_square(shifts);
+}
+
 std::optional<NoiseDetail> detail_of(const RunRecord& record, std::size_t scenario,
                                      const NoisySpots& spots, const ImageSize& size) {
   const TakenPose* pose = detail_pose(record, scenario);
@@ -273,7 +284,8 @@ NoiseCampaign evaluate_noise(const RunRecord& record, const RunFolder& folder, c
     };
     Evaluation evaluation = evaluate(record, folder, rig, calibration, options);
     const double median = median_sigma_px(evaluation);
-    out.levels.push_back({spots.sigma_grey(level), std::move(evaluation), median});
+    const double shift = level == 0 ? 0.0 : shift_px(out.levels.front().evaluation, evaluation);
+    out.levels.push_back({spots.sigma_grey(level), std::move(evaluation), median, shift});
   }
   out.detail = detail_of(record, scenario, spots, calibration.irt.image_size());
   return out;

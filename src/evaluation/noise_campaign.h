@@ -68,8 +68,12 @@ NoisySpots read_noise_spots(const std::filesystem::path& file, const NoiseOption
 struct NoiseLevel {
   double sigma_grey = 0.0;
   Evaluation evaluation;  ///< of the scenario alone
-  double
-      median_spot_sigma_px{};  ///< stated uncertainty of the matched spots; NaN if none states one
+  /// Stated uncertainty of the matched spots, each coordinate; NaN if none states one.
+  double median_spot_sigma_px = 0.0;
+  /// What the noise did to them: rms change of each coordinate against sigma 0. Noise that the image
+  /// cannot show, for it is clipped at black, is not in what spots state.
+  double spot_shift_px = 0.0;
+};  ///< stated uncertainty of the matched spots; NaN if none states one
 };
 
 /// One LED of one pose at every level: the brightest of the first pose that was taken.

@@ -180,7 +180,7 @@ std::vector<RunFact> plan_differences(const Plan& first, const Plan& other) {
   const auto files = [](const Plan& plan) {
     Json json = Json::object();
     for (const FrozenText& source : plan.sources)
-      json[std::filesystem::path(source.file).filename().string()] = source.sha256;
+      json[std::filesystem::path(source.file).filename().string()] = source.sha256.substr(0, 16);
     return json;
   };
   for (RunFact& fact : json_differences("scenario file", files(first), files(other)))

@@ -20,37 +20,40 @@ constexpr std::size_t kFactsToRead = 60;  ///< in the text; all are in the table
 std::int64_t counted(std::size_t count) { return static_cast<std::int64_t>(count); }
 
 Table changes_table(const RunComparison& comparison) {
-  Table table{
-      "comparison",
-      "What changed from A to B: total RMSE and mean errors (bias), 95 % intervals; below zero "
-      "B is better",
-      {{"scenario", "scenario"},
-       {"solver", "solver"},
-       {"poses", "poses are"},
-       {"a_poses", "poses of A"},
-       {"b_poses", "poses of B"},
-       {"a_failed", "failed in A"},
-       {"b_failed", "failed in B"},
-       {"a_rmse_deg", "total RMSE of A / deg"},
-       {"b_rmse_deg", "of B / deg"},
-       {"change_deg", "change [95 % interval] / deg"},
-       {"verdict", "B is"},
-       {"bias_change_pitch_deg", "change of bias, pitch / deg"},
-       {"bias_change_roll_deg", "roll / deg"},
-       {"bias_change_yaw_deg", "yaw / deg"}},
-      {}};
+  Table table{"comparison",
+              "What changed from A to B in the total RMSE, 95 % interval; below zero B is better",
+              {{"scenario", "scenario"},
+               {"solver", "solver"},
+               {"poses", "poses are"},
+               {"a_poses", "poses of A"},
+               {"b_poses", "poses of B"},
+               {"a_failed", "failed in A"},
+               {"b_failed", "failed in B"},
+               {"a_rmse_deg", "total RMSE of A / deg"},
+               {"b_rmse_deg", "of B / deg"},
+               {"change_deg", "change [95 % interval] / deg"},
+               {"verdict", "B is"}},
+              {}};
+  for (const RunChange& c : comparison.changes)
+    table.rows.push_back({c.scenario, std::string(c.solver->name),
+                          std::string(c.paired ? "paired" : "not paired"), counted(c.first_poses),
+                          counted(c.other_poses), counted(c.first_failed), counted(c.other_failed),
+                          c.first_rmse_deg, c.other_rmse_deg, c.change_deg,
+                          std::string(change_verdict_name(c.verdict()))});
+  return table;
+}
+
+Table bias_table(const RunComparison& comparison) {
+  Table table{"bias",
+              "What changed from A to B in the mean errors (bias), 95 % intervals",
+              {{"scenario", "scenario"},
+               {"solver", "solver"},
+               {"bias_change_pitch_deg", "pitch / deg"},
+               {"bias_change_roll_deg", "roll / deg"},
+               {"bias_change_yaw_deg", "yaw / deg"}},
+              {}};
   for (const RunChange& c : comparison.changes) {
-    std::vector<Cell> row{c.scenario,
-                          std::string(c.solver->name),
-                          std::string(c.paired ? "paired" : "not paired"),
-                          counted(c.first_poses),
-                          counted(c.other_poses),
-                          counted(c.first_failed),
-                          counted(c.other_failed),
-                          c.first_rmse_deg,
-                          c.other_rmse_deg,
-                          c.change_deg,
-                          std::string(change_verdict_name(c.verdict()))};
+    std::vector<Cell> row{c.scenario, std::string(c.solver->name)};
     for (const WithInterval& bias : c.bias_change_deg) row.emplace_back(bias);
     table.rows.push_back(std::move(row));
   }
@@ -145,6 +148,7 @@ std::filesystem::path write_comparison(const std::filesystem::path& folder,
   for (const char* part : {"tables", "figures"}) std::filesystem::create_directories(folder / part);
   const WrittenTable changes = write_table(changes_table(comparison), folder / "tables");
   const WrittenTable scenarios = write_table(scenarios_table(comparison), folder / "tables");
+  const WrittenTable bias = write_table(bias_table(comparison), folder / "tables");
   const Table all_facts = facts_table(facts);
   write_table(all_facts, folder / "tables");
   const std::vector<Figure> figures =
@@ -174,6 +178,7 @@ std::filesystem::path write_comparison(const std::filesystem::path& folder,
       "poses of a run share, as the error of its calibration and of its initial poses, is in no "
       "interval: a change that is told apart is one of these two runs, and not yet one of what was "
       "changed.\n\n";
+  md += "### Bias\n\n" + bias.title + ".\n\n" + bias.markdown + "\n";
   md += "## Poses\n\n" + scenarios.title + ".\n\n" + scenarios.markdown + "\n";
   for (const auto& [name, only] :
        {std::pair("A", &comparison.only_first), std::pair("B", &comparison.only_other)})

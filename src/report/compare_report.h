@@ -15,7 +15,7 @@ struct ComparedRuns {
   bool first_simulated = false, other_simulated = false;
 };
 
-/// Writes comparison.{md,html}, tables/ {comparison,differences,scenarios} and figures/. @param facts what differs between the runs
+/// Writes comparison.{md,html}, tables/ {comparison,bias,differences,scenarios} and figures/. @param facts what differs between the runs
 /// @return comparison.html's path. @throws RecordError.
 std::filesystem::path write_comparison(const std::filesystem::path& folder,
                                        const ComparedRuns& runs, const std::vector<RunFact>& facts,

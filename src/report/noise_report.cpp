@@ -171,7 +171,8 @@ WrittenTable write_noise_table(const RunFolder& folder, const NoiseCampaign& cam
                {"rmse_yaw_deg", "RMSE yaw / deg"},
                {"rmse_total_deg", "total RMSE [95 % interval] / deg"},
                {"geodesic_max_deg", "geodesic max / deg"},
-               {"median_spot_sigma_px", "spots' stated sigma (median) / px"}},
+               {"median_spot_sigma_px", "spots' stated sigma (median) / px"},
+               {"spot_shift_px", "moved by the noise (rms) / px"}},
               {}};
   for (const NoiseLevel& level : campaign.levels)
     for (const ScenarioStatistics& s : scenario_statistics(level.evaluation)) {
@@ -179,7 +180,7 @@ WrittenTable write_noise_table(const RunFolder& folder, const NoiseCampaign& cam
       table.rows.push_back({grey(level.sigma_grey), std::string(s.solver->name),
                             static_cast<std::int64_t>(e.poses), static_cast<std::int64_t>(e.failed),
                             e.pitch.rmse_deg, e.roll.rmse_deg, e.yaw.rmse_deg, s.rmse_total_deg,
-                            e.geodesic.max_deg, level.median_spot_sigma_px});
+                            e.geodesic.max_deg, level.median_spot_sigma_px, level.spot_shift_px});
     }
   std::filesystem::create_directories(folder.tables());
   return write_table(table, folder.tables());
@@ -214,7 +215,11 @@ std::string noise_text(const RunFolder& folder, const RunRecord& record,
       "grey "
       "levels, and so was it done here. Poses without an attitude are counted as failed and are in "
       "no "
-      "RMSE: a row with failures flatters.{}\n\n### {}\n\n{}\n",
+      "RMSE: a row with failures flatters. What spots state comes from the pixels around "
+      "them: where noise is clipped at black it states too little; what the noise really did to "
+      "them "
+      "stands beside it. The initial pose's noise is in all poses alike and in no "
+      "interval.{}\n\n### {}\n\n{}\n",
       campaign.options.scenario, exposures,
       regions ? " The images had been archived as regions: away from the spots they were evenly as "
                 "dark as their darkest pixel before the noise was added."

@@ -175,6 +175,7 @@ TEST_F(QuickRun, IsSetBesideAnotherOneWithWhatDiffers) {
   const std::string table = slurp(compared / "tables/comparison.csv");
   EXPECT_THAT(table, HasSubstr("quick_triaxial_xyz,ml_ray,paired,8,8,0,0,"));
   EXPECT_THAT(table, HasSubstr("change_lower_deg"));
+  EXPECT_THAT(slurp(compared / "tables/bias.csv"), HasSubstr("bias_change_yaw_upper_deg"));
   const std::string facts = slurp(compared / "tables/differences.csv");
   EXPECT_THAT(facts, HasSubstr("/simulation/seed"));
   EXPECT_THAT(facts, HasSubstr("calibration,/sha256"));

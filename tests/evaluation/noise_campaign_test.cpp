@@ -122,6 +122,10 @@ TEST_F(NoisyImages, GetWorseWithNoiseAndStateIt) {
     EXPECT_GT(campaign.levels[level].median_spot_sigma_px,
               campaign.levels[level - 1].median_spot_sigma_px);
   }
+  // In proportion to the noise, and more than stated only where it is clipped.
+  EXPECT_EQ(campaign.levels[0].spot_shift_px, 0.0);
+  EXPECT_NEAR(campaign.levels[3].spot_shift_px / campaign.levels[1].spot_shift_px, 4.0, 1.2);
+  EXPECT_NEAR(campaign.levels[1].spot_shift_px / campaign.levels[1].median_spot_sigma_px, 1.0, 0.4);
   // The cut-out is an LED at every level, and its centre hardly moves.
   ASSERT_TRUE(campaign.detail);
   ASSERT_EQ(campaign.detail->cutouts.size(), 5u);
@@ -162,7 +166,9 @@ TEST_F(NoisyImages, AreTheSameFromTheirStoredSpots) {
   // Spots of other noise, of another pose, or none at all.
   NoiseOptions other = options_;
   other.sigmas_grey = {5.0};
-  EXPECT_NE(message_of<ConfigError>([&] { read_noise_spots(file, other, run_.record.plan); }).find("--noise"),
+  EXPECT_NE(message_of<ConfigError>([&] {
+              read_noise_spots(file, other, run_.record.plan);
+            }).find("--noise"),
             std::string::npos);
   other = options_;
   other.scenario = "raster_180";
@@ -196,7 +202,8 @@ TEST_F(NoisyImages, AreThoseOfTheScenarioThatTurnsMostAxes) {
   EXPECT_EQ(noise_scenario(run_.record, folder_, ""), "raster_180");
   EXPECT_THROW((void)noise_scenario(run_.record, folder_, "raster_80"), ConfigError);
   run_.record.poses.back().images.front().file.clear();
-  const std::string none = message_of<ConfigError>([&] { (void)noise_scenario(run_.record, folder_, ""); });
+  const std::string none =
+      message_of<ConfigError>([&] { (void)noise_scenario(run_.record, folder_, ""); });
   EXPECT_NE(none.find("--images"), std::string::npos) << none;
 }
 
