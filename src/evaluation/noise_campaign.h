@@ -73,7 +73,6 @@ struct NoiseLevel {
   /// What the noise did to them: rms change of each coordinate against sigma 0. Noise that the image
   /// cannot show, for it is clipped at black, is not in what spots state.
   double spot_shift_px = 0.0;
-};  ///< stated uncertainty of the matched spots; NaN if none states one
 };
 
 /// One LED of one pose at every level: the brightest of the first pose that was taken.
