@@ -558,28 +558,44 @@ int tell_command(const fs::path& run, const std::string& word) {
 int evaluate_command(const EvaluateArguments& a) {
   const RunFolder folder = RunFolder::open(a.run);
   refuse_if_taken(a.run);
-  std::optional<Calibration> given;
-  if (!a.calibration.empty()) given = load_calibration(a.calibration);
-  return write_outputs(folder, {given, solvers_named(a.solvers), {}, false}, Rewrite::kAll);
+  OutputOptions options;
+  if (!a.calibration.empty()) options.calibration = load_calibration(a.calibration);
+  options.evaluate = solvers_named(a.solvers);
+  if (!a.noise_grey.empty()) {
+    std::vector<double> sigmas = a.noise_grey;
+    std::ranges::sort(sigmas);
+    const auto repeated = std::ranges::unique(sigmas);
+    sigmas.erase(repeated.begin(), repeated.end());
+    options.noise = {std::move(sigmas), a.noise_seed, a.noise_scenario};
+  }
+  return write_outputs(folder, std::move(options), Rewrite::kAll);
 }
 
 int report_command(const ReportArguments& a) {
-  const std::vector<fs::path>& runs = a.runs;
-  int code = kDone;
-  for (const fs::path& run : runs) {
-    const RunFolder folder = RunFolder::open(run);
-    refuse_if_taken(run);
-    OutputOptions options;
-    options.pdf = !a.no_pdf;
-    if (fs::exists(folder.calibration()))
-      options.calibration = load_calibration(folder.calibration());
-    options.evaluate.solvers = read_evaluation_record(folder, load_plan(folder.plan())).solvers;
-    options.evaluate.spots = SpotSource::kJournal;
-    for (const fs::path& other : runs)
-      if (&run == &runs.front() && &other != &run) options.beside.push_back(RunFolder::open(other));
-    code = std::max(code, write_outputs(folder, std::move(options), Rewrite::kTables));
+  if (a.runs.size() == 2) {
+    if (!a.beside.empty())
+      throw ConfigError(
+          "--beside", "",
+          "sets cameras beside those of one run, and two are given to be compared. Name "
+          "one run, or leave it out.");
+    return compare_command(a);
   }
-  return code;
+  if (!a.out.empty())
+    throw ConfigError("--out", "",
+                      "is for the comparison of two runs; the report of one lies in its folder.");
+  const fs::path& run = a.runs.front();
+  const RunFolder folder = RunFolder::open(run);
+  refuse_if_taken(run);
+  OutputOptions options;
+  options.pdf = !a.no_pdf;
+  if (fs::exists(folder.calibration()))
+    options.calibration = load_calibration(folder.calibration());
+  const EvaluationRecord how = read_evaluation_record(folder, load_plan(folder.plan()));
+  options.evaluate.solvers = how.solvers;
+  options.evaluate.spots = SpotSource::kJournal;
+  options.noise = how.noise;
+  for (const fs::path& other : a.beside) options.beside.push_back(RunFolder::open(other));
+  return write_outputs(folder, std::move(options), Rewrite::kTables);
 }
 
 }  // namespace turntable

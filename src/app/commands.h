@@ -76,14 +76,21 @@ int calibrate_command(const CalibrateArguments& a);
 struct EvaluateArguments {
   std::filesystem::path run, calibration;
   std::vector<std::string> solvers;
+  std::vector<double> noise_grey;  ///< standard deviations to be added to the images
+  std::string noise_scenario;      ///< empty = chosen
+  std::uint64_t noise_seed = 1;
 };
 int evaluate_command(const EvaluateArguments& a);
 
 struct ReportArguments {
-  std::vector<std::filesystem::path> runs;
+  std::vector<std::filesystem::path> runs;    ///< one, or two to be compared
+  std::vector<std::filesystem::path> beside;  ///< of one: runs whose cameras are set beside its own
+  std::filesystem::path out;                  ///< of two: folder; empty = A/compare_<B>
   bool no_pdf = false;
 };
 int report_command(const ReportArguments& a);
+/// Of two runs.
+int compare_command(const ReportArguments& a);
 
 struct IdentifyArguments {
   std::filesystem::path run, rig_out, target_out;  ///< empty = not written

@@ -244,21 +244,60 @@ int main(int argc, char** argv) {
   evaluate_verb->add_option("run", evaluate.run, "run folder")->required();
   evaluate_verb->add_option("--solver", evaluate.solvers, solvers_help)->delimiter(',');
   evaluate_verb->add_option("--calibration", evaluate.calibration, "another camera calibration");
+  auto* noise =
+      evaluate_verb
+          ->add_option("--noise", evaluate.noise_grey,
+                       "also add Gaussian noise of these standard deviations, grey levels, to the "
+                       "archived images of one scenario, and evaluate them again")
+          ->delimiter(',')
+          ->check(CLI::Range(0.01, 255.0));
+  evaluate_verb
+      ->add_option("--scenario", evaluate.noise_scenario,
+                   "that noise is added to (default: the one of Table 5, else with most axes)")
+      ->needs(noise);
+  evaluate_verb->add_option("--noise-seed", evaluate.noise_seed, "of the noise")
+      ->check(CLI::Range(std::int64_t{0}, kLargestSeed))
+      ->capture_default_str()
+      ->needs(noise);
   evaluate_verb->footer(
-      "Example:\n  turntable evaluate results/runs/20260131T120000Z-quick --solver "
-      "posit,aopit_ray");
+      "Examples:\n  turntable evaluate results/runs/20260131T120000Z-quick --solver "
+      "posit,aopit_ray\n"
+      "  turntable evaluate results/runs/20260131T120000Z-paper_2019 --noise 5,10,20,30\n"
+      "Noise (paper, 4.2.3): tables/noise, figures 17 and 18, noise_poses.csv. The noise of an "
+      "image "
+      "follows from\nseed, pose and sigma alone. Without --noise, what an earlier evaluation "
+      "stored of "
+      "it is removed.");
   evaluate_verb->callback([&] { code = guarded([&] { return evaluate_command(evaluate); }); });
 
   ReportArguments report;
   auto* report_verb = app.add_subcommand(
-      "report", "Write tables, figures and report (HTML, PDF, Markdown) again from stored points");
+      "report",
+      "Write tables, figures and report (HTML, PDF, Markdown) again from stored points; or set two "
+      "runs side by side");
   report_verb
-      ->add_option("runs", report.runs,
-                   "run folders; the first one's table of cameras and solvers has the others' "
-                   "beside it")
-      ->required();
+      ->add_option(
+          "runs", report.runs,
+          "run folder; or two, A and B, whose errors are compared: before and after a change")
+      ->required()
+      ->expected(1, 2);
+  report_verb->add_option("--beside", report.beside,
+                          "of one run: others whose cameras and solvers its tables have beside its "
+                          "own");
+  report_verb->add_option("--out", report.out,
+                          "of two runs: folder to write to (default: A/compare_<name of B>)");
   without_pdf(*report_verb, report.no_pdf);
-  report_verb->footer("Example:\n  turntable report results/runs/20260131T120000Z-quick");
+  report_verb->footer(
+      "Examples:\n  turntable report results/runs/20260131T120000Z-quick\n"
+      "  turntable report results/runs/20260131T120000Z-quick --beside "
+      "results/runs/20260131T110000Z-non_central\n"
+      "  turntable report results/runs/20260131T120000Z-before "
+      "results/runs/20260201T120000Z-after\n"
+      "Two runs: what differs between them, RMSE of both with the difference and its interval, "
+      "bias, "
+      "failed poses;\nposes are matched by scenario, repeat and planned angles. Neither run is "
+      "changed, "
+      "but for the folder in A.");
   report_verb->callback([&] { code = guarded([&] { return report_command(report); }); });
 
   IdentifyArguments identify;

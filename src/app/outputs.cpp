@@ -12,8 +12,10 @@
 #include "src/app/provenance.h"
 #include "src/core/errors.h"
 #include "src/evaluation/calibrate.h"
+#include "src/evaluation/scenario_statistics.h"
 #include "src/record/atomic_file.h"
 #include "src/record/sha256.h"
+#include "src/report/noise_report.h"
 #include "src/report/pdf.h"
 #include "src/report/report.h"
 
@@ -61,13 +63,37 @@ std::optional<CalibrationSet> sweep_behind(const Calibration& calibration, const
 
 /// Of a run that is there already, from its stored points.
 CameraComparison stored_comparison(const RunFolder& folder) {
-  const RunRecord record = read_run(folder);
-  const RigFile rig = parse_rig_file(record.plan.rig.text, record.plan.rig.file, folder.root());
-  const Calibration calibration = load_calibration(folder.calibration());
-  EvaluateOptions options;
-  options.solvers = {&default_solver()};  // for the points
-  options.spots = SpotSource::kJournal;
-  return compare_cameras(evaluate(record, folder, rig, calibration, options), rig, calibration);
+  const StoredRun run = stored_run(folder, {&default_solver()});  // for the points
+  return compare_cameras(run.evaluation, run.rig, run.calibration);
+}
+
+Json noise_json(const NoiseOptions& noise) {
+  return {{"sigmas_grey", noise.sigmas_grey}, {"seed", noise.seed}, {"scenario", noise.scenario}};
+}
+
+/// Spots of the images with noise: found anew or, with the journal's, as they were stored.
+NoisySpots noisy_spots(const RunFolder& folder, const Outputs& made, const NoiseOptions& noise,
+                       SpotSource source) {
+  if (source == SpotSource::kJournal)
+    return read_noise_spots(folder.noise_spots(), noise, made.record.plan);
+  ProgressLine line("adding noise");
+  return find_noisy_spots(
+      made.record, folder, made.rig, made.calibration, noise,
+      [&](std::size_t done, std::size_t total) { line.update(done, total, "images"); });
+}
+
+/// Of an earlier evaluation: it followed from images and a calibration that may have changed since.
+void remove_noise(const RunFolder& folder) {
+  if (fs::exists(folder.noise_spots()))
+    spdlog::info(
+        "{}: the images with noise are not evaluated again; --noise does it. What was stored of "
+        "them "
+        "is removed.",
+        folder.root().string());
+  std::error_code ignored;
+  fs::remove(folder.noise_spots(), ignored);
+  fs::remove(folder.noise_poses(), ignored);
+  remove_noise_report(folder);
 }
 
 void write_evaluation_record(const EvaluationRecord& record, const fs::path& file) {
@@ -75,17 +101,34 @@ void write_evaluation_record(const EvaluationRecord& record, const fs::path& fil
             {"solvers", Json::array()},           {"beside", record.beside},
             {"poses_by", record.poses_by},        {"tables_by", record.tables_by}};
   for (const Solver* solver : record.solvers) json["solvers"].push_back(solver->name);
+  if (record.noise) json["noise"] = noise_json(*record.noise);
   if (!record.calibration_sha256.empty()) json["calibration_sha256"] = record.calibration_sha256;
   write_atomically(file, json.dump(1) + "\n");
 }
 
 }  // namespace
 
+StoredRun stored_run(const RunFolder& folder, std::vector<const Solver*> solvers) {
+  StoredRun out;
+  out.record = read_run(folder);
+  const FrozenText& rig = out.record.plan.rig;
+  out.rig = parse_rig_file(rig.text, rig.file, folder.root());
+  out.calibration = load_calibration(folder.calibration());
+  EvaluateOptions options;
+  options.solvers = std::move(solvers);
+  options.spots = SpotSource::kJournal;
+  out.evaluation = evaluate(out.record, folder, out.rig, out.calibration, options);
+  return out;
+}
+
 Outputs make_outputs(const RunFolder& folder, OutputOptions options) {
   Outputs out;
   out.record = read_run(folder);
   const Plan& plan = out.record.plan;
   out.rig = parse_rig_file(plan.rig.text, plan.rig.file, folder.root());
+  // A scenario that is not there is known before the work.
+  if (options.noise && options.evaluate.spots == SpotSource::kImages)
+    options.noise->scenario = noise_scenario(out.record, folder, options.noise->scenario);
   if (out.record.torn) spdlog::warn("{}: {}", folder.journal().string(), *out.record.torn);
 
   if (options.calibration) {
@@ -110,6 +153,12 @@ Outputs make_outputs(const RunFolder& folder, OutputOptions options) {
   out.cameras.push_back(compare_cameras(out.evaluation, out.rig, out.calibration));
   out.levels = truth_levels(out.record, out.rig, out.calibration, out.evaluation);
   out.budgets = error_budgets(out.record, out.rig, out.calibration, out.evaluation, out.levels);
+  if (options.noise) {
+    out.noisy_spots = noisy_spots(folder, out, *options.noise, options.evaluate.spots);
+    options.evaluate.solvers = out.evaluation.solvers;
+    out.noise = evaluate_noise(out.record, folder, out.rig, out.calibration, options.evaluate,
+                               *out.noisy_spots);
+  }
   for (const RunFolder& other : options.beside) out.cameras.push_back(stored_comparison(other));
   return out;
 }
@@ -127,6 +176,13 @@ int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrit
     if (options.calibration || !has_calibration_sweep(plan))
       how.calibration_sha256 = sha256_hex(calibration);
     how.poses_by = program_provenance();
+    if (made.noise) {
+      how.noise = made.noise->options;
+      write_noise_spots(*made.noisy_spots, folder.noise_spots());
+      write_noise_poses(*made.noise, plan, folder.noise_poses());
+    } else {
+      remove_noise(folder);
+    }
   } else {
     how = read_evaluation_record(folder, plan);
   }
@@ -134,8 +190,9 @@ int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrit
   how.beside.clear();
   for (const RunFolder& other : options.beside)
     how.beside.push_back(fs::absolute(other.root()).lexically_normal().string());
-  const fs::path report = write_report(folder, made.record, made.rig, made.calibration, made.set,
-                                       made.evaluation, made.cameras, made.levels, made.budgets);
+  const fs::path report =
+      write_report(folder, made.record, made.rig, made.calibration, made.set, made.evaluation,
+                   made.cameras, made.levels, made.budgets, made.noise);
   write_evaluation_record(how, folder.evaluation());
 
   for (const PlaneResidual& p : made.calibration.planes)
@@ -145,6 +202,12 @@ int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrit
     fmt::print("{:<14} repeat {}  {:<18} total RMSE {:.4f} deg  {} poses, {} failed\n",
                plan.scenarios[r.scenario].name, r.repeat, r.solver->name,
                r.statistics.rmse_total_deg, r.statistics.poses, r.statistics.failed);
+  if (made.noise)
+    for (const NoiseLevel& level : made.noise->levels)
+      for (const ScenarioStatistics& s : scenario_statistics(level.evaluation))
+        fmt::print("noise {:5g} grey  {}  {:<18} total RMSE {:.4f} deg  {} poses, {} failed\n",
+                   level.sigma_grey, made.noise->options.scenario, s.solver->name,
+                   s.rmse_total_deg.value, s.pooled.poses, s.pooled.failed);
   const std::size_t failed = failed_results(made.evaluation);
   if (failed > 0)
     spdlog::warn("{} results failed; poses.csv and report.md say which and why.", failed);
@@ -180,6 +243,9 @@ EvaluationRecord read_evaluation_record(const RunFolder& folder, const Plan& pla
     }
     how.calibration_sha256 = json.value("calibration_sha256", "");
     how.beside = json.at("beside").get<std::vector<std::string>>();
+    if (const auto noise = json.find("noise"); noise != json.end())
+      how.noise = {noise->at("sigmas_grey").get<std::vector<double>>(), noise->at("seed"),
+                   noise->at("scenario")};
     how.poses_by = json.at("poses_by");
     how.tables_by = json.at("tables_by");
     return how;

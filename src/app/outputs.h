@@ -11,6 +11,7 @@
 #include "src/evaluation/cross_validation.h"
 #include "src/evaluation/error_budget.h"
 #include "src/evaluation/evaluate.h"
+#include "src/evaluation/noise_campaign.h"
 
 namespace turntable {
 
@@ -20,6 +21,9 @@ struct OutputOptions {
   EvaluateOptions evaluate;
   std::vector<RunFolder> beside;  ///< runs whose cameras are set beside this one's
   bool pdf = false;               ///< also print report.pdf
+  /// Noise to be added to images of the run, or, where spots are the journal's, noise that was: from
+  /// the stored noise_spots.csv then. An empty scenario is chosen.
+  std::optional<NoiseOptions> noise = {};
 };
 
 /// What is written, before it is.
@@ -32,8 +36,20 @@ struct Outputs {
   std::vector<CameraComparison> cameras;
   TruthLevels levels;
   std::vector<ErrorBudget> budgets;
+  std::optional<NoisySpots> noisy_spots;
+  std::optional<NoiseCampaign> noise;
 };
 Outputs make_outputs(const RunFolder& folder, OutputOptions options);
+
+/// A run that is there already, as its stored calibration and the spots of its journal tell.
+struct StoredRun {
+  RunRecord record;
+  RigFile rig;
+  Calibration calibration;
+  Evaluation evaluation;
+};
+/// @throws ConfigError, also if it has no calibration yet.
+StoredRun stored_run(const RunFolder& folder, std::vector<const Solver*> solvers);
 
 enum class Rewrite {
   kAll,     ///< also calibration.json and poses.csv
@@ -49,7 +65,8 @@ struct EvaluationRecord {
   std::vector<const Solver*> solvers;  ///< known ones
   std::string calibration_sha256;      ///< of calibration.json, if given; empty: from the own sweep
   std::vector<std::string> beside;     ///< folders
-  Json poses_by, tables_by;            ///< `program_provenance`; null if not known
+  std::optional<NoiseOptions> noise;
+  Json poses_by, tables_by;  ///< `program_provenance`; null if not known
 };
 /// Of a run that was evaluated before there was such a file: what poses.csv and calibration.json
 /// tell. @throws ConfigError.

@@ -16,6 +16,7 @@
 #include "src/record/verify.h"
 #include "src/report/budget_tables.h"
 #include "src/report/level_tables.h"
+#include "src/report/noise_report.h"
 #include "src/report/tables.h"
 
 namespace turntable {
@@ -100,6 +101,7 @@ void verify_outputs(const RunFolder& folder, RunFindings& findings) {
       findings.remarks.push_back(
           fmt::format("{}: is not the one that the run began with", folder.calibration().string()));
   }
+  options.noise = how.noise;
   bool beside_are_there = true;
   for (const std::string& other : how.beside) {
     try {
@@ -125,6 +127,11 @@ void verify_outputs(const RunFolder& folder, RunFindings& findings) {
                made.levels);
   write_level_tables(again, made.record.plan, made.levels);
   write_budget_tables(again, made.record.plan, made.budgets);
+  if (made.noise) {
+    write_noise_spots(*made.noisy_spots, again.noise_spots());
+    write_noise_poses(*made.noise, made.record.plan, again.noise_poses());
+    write_noise_table(again, *made.noise);
+  }
   if (!beside_are_there)
     for (const char* name : {"camera_solver.csv", "camera_solver.md"})
       if (fs::exists(folder.tables() / name, error))
@@ -133,6 +140,10 @@ void verify_outputs(const RunFolder& folder, RunFindings& findings) {
   const std::string about_poses = advice(folder, how.poses_by);
   compare_outputs(folder.calibration(), again.calibration(), about_poses, findings);
   compare_outputs(folder.poses(), again.poses(), about_poses, findings);
+  if (made.noise) {
+    compare_outputs(folder.noise_spots(), again.noise_spots(), about_poses, findings);
+    compare_outputs(folder.noise_poses(), again.noise_poses(), about_poses, findings);
+  }
   compare_outputs(folder.tables(), again.tables(), advice(folder, how.tables_by), findings);
 }
 

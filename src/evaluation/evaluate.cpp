@@ -35,19 +35,12 @@ struct Setting {
   double gate_mm;
 };
 
-SpotList spots_of(const TakenImage& taken, const Setting& s) {
-  if (s.options.spots == SpotSource::kImages && !taken.file.empty()) {
-    const Image image = load_image(s.folder, taken);
-    if (image.size() != s.calibration.irt.image_size())
-      throw ConfigError(
-          (s.folder.root() / taken.file).string(), "",
-          fmt::format(
-              "found {} x {} px, allowed: {} x {} px, the size the camera was calibrated at. "
-              "Calibrate again at this size.",
-              image.width, image.height, s.calibration.irt.image_size().width,
-              s.calibration.irt.image_size().height));
-    return spots_in(image, s.rig.camera.electrons_per_grey);
-  }
+SpotList spots_of(const TakenPose& pose, std::size_t k, const Setting& s) {
+  if (s.options.spots_of) return s.options.spots_of(pose, k);
+  const TakenImage& taken = pose.images[k];
+  if (s.options.spots == SpotSource::kImages && !taken.file.empty())
+    return spots_in(load_calibrated_image(s.folder, taken, s.calibration),
+                    s.rig.camera.electrons_per_grey);
   SpotList list;
   if (taken.spots)
     for (const TakenSpot& spot : *taken.spots) {
@@ -77,7 +70,7 @@ std::optional<Sighting> sighted(const TakenPose& pose, const Setting& s, Evaluat
   bool stated = true;
   int used = 0;
   for (std::size_t k = 0; k < pose.images.size(); ++k) {
-    const SpotList seen = spots_of(pose.images[k], s);
+    const SpotList seen = spots_of(pose, k, s);
     if (k == 0) out.spots = static_cast<int>(seen.centres_px.size());
     std::vector<Ray> rays;
     for (const Vector2d& c : seen.centres_px) rays.push_back(s.calibration.irt.ray(c));
@@ -111,7 +104,76 @@ std::vector<const Solver*> chosen_solvers(const Calibration& calibration,
   return chosen;
 }
 
+/// Appends one row per pose and solver. @param before in front of each, if the file has such a column
+void add_pose_rows(Csv& csv, const Evaluation& evaluation, const Plan& plan,
+                   const std::string* before) {
+  constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+  for (const EvaluatedPose& pose : evaluation.poses)
+    for (const PoseResult& r : pose.results) {
+      const auto if_taken = [&](double x) { return pose.taken ? x : kNone; };
+      const auto if_measured = [&](double x) { return r.measured ? x : kNone; };
+      if (before != nullptr) csv.text(*before);
+      csv.integer(static_cast<std::int64_t>(pose.planned.index)).text(pose.planned.id);
+      csv.text(plan.scenario_of(pose.planned).name)
+          .integer(pose.planned.repeat)
+          .integer(pose.planned.point);
+      csv.text(role_name(pose.planned.role)).text(r.solver->name).text(r.status);
+      csv.integer(r.measured).integer(pose.in_domain).integer(pose.missed).integer(pose.spots);
+      csv.number(if_taken(pose.stage_mm), 5).number(if_taken(pose.read_back_deg.yaw), 5);
+      csv.number(if_taken(pose.read_back_deg.roll), 5)
+          .number(if_taken(pose.read_back_deg.pitch), 5);
+      csv.number(if_measured(r.angles_deg.yaw), 6).number(if_measured(r.angles_deg.roll), 6);
+      csv.number(if_measured(r.angles_deg.pitch), 6);
+      csv.number(if_measured(r.error.yaw_deg), 6).number(if_measured(r.error.roll_deg), 6);
+      csv.number(if_measured(r.error.pitch_deg), 6).number(if_measured(r.error.geodesic_deg), 6);
+      csv.integer(r.iterations).number(if_measured(r.residual), 6);
+      csv.text(r.solver->sight == Sight::kRays ? "mm" : "px");
+      csv.end_row();
+    }
+}
+
+/// Columns of poses.csv.
+const std::vector<std::string> kPoseColumns{"index",
+                                            "id",
+                                            "scenario",
+                                            "repeat",
+                                            "point",
+                                            "role",
+                                            "solver",
+                                            "status",
+                                            "measured",
+                                            "in_domain",
+                                            "missed",
+                                            "spots",
+                                            "stage_mm",
+                                            "turntable_yaw_deg",
+                                            "turntable_roll_deg",
+                                            "turntable_pitch_deg",
+                                            "measured_yaw_deg",
+                                            "measured_roll_deg",
+                                            "measured_pitch_deg",
+                                            "error_yaw_deg",
+                                            "error_roll_deg",
+                                            "error_pitch_deg",
+                                            "error_geodesic_deg",
+                                            "iterations",
+                                            "residual",
+                                            "residual_unit"};
+
 }  // namespace
+
+Image load_calibrated_image(const RunFolder& folder, const TakenImage& taken,
+                            const Calibration& calibration) {
+  Image image = load_image(folder, taken);
+  const ImageSize size = calibration.irt.image_size();
+  if (image.size() != size)
+    throw ConfigError(
+        (folder.root() / taken.file).string(), "",
+        fmt::format("found {} x {} px, allowed: {} x {} px, the size the camera was calibrated at. "
+                    "Calibrate again at this size.",
+                    image.width, image.height, size.width, size.height));
+  return image;
+}
 
 Evaluation evaluate(const RunRecord& record, const RunFolder& folder, const RigFile& rig,
                     const Calibration& calibration, const EvaluateOptions& options) {
@@ -133,6 +195,7 @@ Evaluation evaluate(const RunRecord& record, const RunFolder& folder, const RigF
   std::vector<const TakenPose*> taken;
   for (const PlannedPose& planned : record.plan.poses) {
     if (record.plan.scenario_of(planned).kind != ScenarioKind::kAttitude) continue;
+    if (options.scenario && planned.scenario != *options.scenario) continue;
     const auto it = taken_by_id.find(planned.id);
     taken.push_back(it == taken_by_id.end() ? nullptr : it->second);
     EvaluatedPose& pose = evaluation.poses.emplace_back();
@@ -240,54 +303,17 @@ std::size_t failed_results(const Evaluation& evaluation) {
 
 void write_poses_csv(const Evaluation& evaluation, const Plan& plan,
                      const std::filesystem::path& file) {
-  Csv csv({"index",
-           "id",
-           "scenario",
-           "repeat",
-           "point",
-           "role",
-           "solver",
-           "status",
-           "measured",
-           "in_domain",
-           "missed",
-           "spots",
-           "stage_mm",
-           "turntable_yaw_deg",
-           "turntable_roll_deg",
-           "turntable_pitch_deg",
-           "measured_yaw_deg",
-           "measured_roll_deg",
-           "measured_pitch_deg",
-           "error_yaw_deg",
-           "error_roll_deg",
-           "error_pitch_deg",
-           "error_geodesic_deg",
-           "iterations",
-           "residual",
-           "residual_unit"});
-  constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
-  for (const EvaluatedPose& pose : evaluation.poses)
-    for (const PoseResult& r : pose.results) {
-      const auto if_taken = [&](double x) { return pose.taken ? x : kNone; };
-      const auto if_measured = [&](double x) { return r.measured ? x : kNone; };
-      csv.integer(static_cast<std::int64_t>(pose.planned.index)).text(pose.planned.id);
-      csv.text(plan.scenario_of(pose.planned).name)
-          .integer(pose.planned.repeat)
-          .integer(pose.planned.point);
-      csv.text(role_name(pose.planned.role)).text(r.solver->name).text(r.status);
-      csv.integer(r.measured).integer(pose.in_domain).integer(pose.missed).integer(pose.spots);
-      csv.number(if_taken(pose.stage_mm), 5).number(if_taken(pose.read_back_deg.yaw), 5);
-      csv.number(if_taken(pose.read_back_deg.roll), 5)
-          .number(if_taken(pose.read_back_deg.pitch), 5);
-      csv.number(if_measured(r.angles_deg.yaw), 6).number(if_measured(r.angles_deg.roll), 6);
-      csv.number(if_measured(r.angles_deg.pitch), 6);
-      csv.number(if_measured(r.error.yaw_deg), 6).number(if_measured(r.error.roll_deg), 6);
-      csv.number(if_measured(r.error.pitch_deg), 6).number(if_measured(r.error.geodesic_deg), 6);
-      csv.integer(r.iterations).number(if_measured(r.residual), 6);
-      csv.text(r.solver->sight == Sight::kRays ? "mm" : "px");
-      csv.end_row();
-    }
+  Csv csv(kPoseColumns);
+  add_pose_rows(csv, evaluation, plan, nullptr);
+  csv.write(file);
+}
+
+void write_poses_csv(const std::string& column, const std::vector<EvaluationVariant>& variants,
+                     const Plan& plan, const std::filesystem::path& file) {
+  std::vector<std::string> header{column};
+  header.insert(header.end(), kPoseColumns.begin(), kPoseColumns.end());
+  Csv csv(header);
+  for (const EvaluationVariant& v : variants) add_pose_rows(csv, *v.evaluation, plan, &v.value);
   csv.write(file);
 }
 

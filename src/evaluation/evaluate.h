@@ -4,10 +4,12 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "src/attitude/solver.h"
+#include "src/evaluation/measure_spots.h"
 #include "src/evaluation/statistics.h"
 #include "src/imaging/calibration.h"
 #include "src/record/run_folder.h"
@@ -24,6 +26,9 @@ struct EvaluateOptions {
   std::vector<const Solver*> solvers;  ///< empty = those `by_default` that the camera can serve
   bool all_solvers = false;  ///< with no solvers named: every row that the camera can serve
   SpotSource spots = SpotSource::kImages;
+  /// Instead of `spots`: those of image `k` of a pose; called from several threads.
+  std::function<SpotList(const TakenPose& pose, std::size_t k)> spots_of;
+  std::optional<std::size_t> scenario;  ///< poses of this one only; nothing: of all
   std::function<void(std::size_t done, std::size_t total)>
       progress;  ///< poses; called from several threads
 };
@@ -59,6 +64,10 @@ struct Evaluation {
       poses;  ///< every planned attitude pose, in the plan's order, taken or not
 };
 
+/// An archived image. @throws ConfigError: missing, altered, of another size than the calibration's.
+Image load_calibrated_image(const RunFolder& folder, const TakenImage& taken,
+                            const Calibration& calibration);
+
 /// @throws ConfigError: images of another size than the calibration's, damaged images, a solver
 /// that needs a pinhole calibration where there is none.
 Evaluation evaluate(const RunRecord& record, const RunFolder& folder, const RigFile& rig,
@@ -82,5 +91,14 @@ std::size_t failed_results(const Evaluation& evaluation);
 /// One row per pose and solver, units in the header. @throws RecordError.
 void write_poses_csv(const Evaluation& evaluation, const Plan& plan,
                      const std::filesystem::path& file);
+
+/// One of several evaluations of the same poses.
+struct EvaluationVariant {
+  std::string value;  ///< what it differs by
+  const Evaluation* evaluation;
+};
+/// The same for several, told apart by a column in front. @throws RecordError.
+void write_poses_csv(const std::string& column, const std::vector<EvaluationVariant>& variants,
+                     const Plan& plan, const std::filesystem::path& file);
 
 }  // namespace turntable

@@ -4,22 +4,14 @@
 #include <cmath>
 #include <limits>
 #include <map>
-#include <numeric>
 #include <set>
 #include <tuple>
 
 #include "src/core/parallel.h"
+#include "src/evaluation/clustered_bootstrap.h"
 
 namespace turntable {
 namespace {
-
-double error_of(const PoseError& e, AxisId axis) {
-  return axis == AxisId::kPitch ? e.pitch_deg : axis == AxisId::kRoll ? e.roll_deg : e.yaw_deg;
-}
-
-double squared_error(const PoseError& e) {
-  return e.pitch_deg * e.pitch_deg + e.roll_deg * e.roll_deg + e.yaw_deg * e.yaw_deg;
-}
 
 /// A measured pose of a scenario, and how each told axis came to it: +1 up, -1 down, 0 not moved yet.
 struct Visit {
@@ -58,44 +50,10 @@ std::vector<Visited> visited_scenarios(const Evaluation& evaluation) {
   return out;
 }
 
-/// Sum and number of something over some visits.
-struct Sum {
-  double sum = 0.0;
-  double count = 0.0;
-};
-
-/// `over` all groups, and its interval by drawing groups again.
-template <class Over>
-WithInterval with_bootstrap(std::size_t groups, const Over& over) {
-  std::vector<std::size_t> all(groups);
-  std::iota(all.begin(), all.end(), std::size_t{0});
-  const double whole = over(all);
-  if (!std::isfinite(whole)) return {Solution::kNaN, {Solution::kNaN, Solution::kNaN}};
-  return {whole, bootstrap_interval(groups, over, Random(1, "scenario statistics"))};
-}
-
-/// `value(sums)` of columns of which each has one `Sum` a group. NaN if a column has nothing at all.
-template <std::size_t N, class Value>
-WithInterval clustered(const std::array<std::vector<Sum>, N>& columns, const Value& value) {
-  const std::size_t groups = columns.front().size();
-  const auto over = [&](std::span<const std::size_t> drawn) {
-    std::array<Sum, N> sums{};
-    for (std::size_t c = 0; c < N; ++c)
-      for (const std::size_t g : drawn) {
-        sums[c].sum += columns[c][g].sum;
-        sums[c].count += columns[c][g].count;
-      }
-    for (const Sum& s : sums)
-      if (s.count == 0.0) return Solution::kNaN;
-    return static_cast<double>(value(sums));
-  };
-  return with_bootstrap(groups, over);
-}
-
 /// For every group the sum of `of(visit)` where it is finite.
 template <class Of>
-std::vector<Sum> sums_of(const Visited& v, const Of& of) {
-  std::vector<Sum> out(v.by_angles.size());
+std::vector<ClusterSum> sums_of(const Visited& v, const Of& of) {
+  std::vector<ClusterSum> out(v.by_angles.size());
   for (std::size_t g = 0; g < out.size(); ++g)
     for (const std::size_t k : v.by_angles[g])
       if (const double x = of(v.visits[k]); std::isfinite(x)) {
@@ -105,14 +63,12 @@ std::vector<Sum> sums_of(const Visited& v, const Of& of) {
   return out;
 }
 
-double rms(const Sum& s) { return std::sqrt(s.sum / s.count); }
-
 /// Difference by direction at the same angle of the axis, averaged over the angles that were come to
 /// from both sides, by what each can tell (weights n m / (n + m)).
 WithInterval direction_effect(const Visited& v, std::size_t told, std::size_t solver_place) {
   struct Group {
     std::size_t angle;  ///< stratum: the angle of this axis
-    Sum up, down;
+    ClusterSum up, down;
   };
   std::map<double, std::size_t> strata;
   std::vector<Group> groups;
@@ -122,15 +78,15 @@ WithInterval direction_effect(const Visited& v, std::size_t told, std::size_t so
     for (const std::size_t k : members) {
       const PoseResult& r = v.visits[k].pose->results[solver_place];
       if (!r.measured || v.visits[k].direction[told] == 0) continue;
-      Sum& sum = v.visits[k].direction[told] > 0 ? g.up : g.down;
+      ClusterSum& sum = v.visits[k].direction[told] > 0 ? g.up : g.down;
       sum.sum += error_of(r.error, kToldAxes[told]);
       sum.count += 1.0;
     }
     groups.push_back(g);
   }
-  std::vector<std::pair<Sum, Sum>> by_angle(strata.size());
+  std::vector<std::pair<ClusterSum, ClusterSum>> by_angle(strata.size());
   const auto over = [&](std::span<const std::size_t> drawn) {
-    std::ranges::fill(by_angle, std::pair<Sum, Sum>{});
+    std::ranges::fill(by_angle, std::pair<ClusterSum, ClusterSum>{});
     for (const std::size_t k : drawn) {
       auto& [up, down] = by_angle[groups[k].angle];
       up.sum += groups[k].up.sum;
@@ -170,7 +126,7 @@ ScenarioStatistics statistics_of(const Visited& v, std::size_t solver_place, con
                                                           ? squared_error(result(visit).error)
                                                           : Solution::kNaN;
                                              })},
-                                    [](const auto& s) { return rms(s[0]); });
+                                    [](const auto& s) { return cluster_rms(s[0]); });
   for (std::size_t a = 0; a < 3; ++a) {
     AxisDetail& detail = out.axes[a];
     const AxisId axis = kToldAxes[a];
@@ -222,9 +178,10 @@ PairedComparison compare(const Visited& v, const Evaluation& evaluation, std::si
                                                     : Solution::kNaN;
     });
   };
-  out.first_rmse_deg = clustered<1>({of(first)}, [](const auto& s) { return rms(s[0]); }).value;
-  out.change_deg =
-      clustered<2>({of(first), of(other)}, [](const auto& s) { return rms(s[1]) - rms(s[0]); });
+  out.first_rmse_deg =
+      clustered<1>({of(first)}, [](const auto& s) { return cluster_rms(s[0]); }).value;
+  out.change_deg = clustered<2>(
+      {of(first), of(other)}, [](const auto& s) { return cluster_rms(s[1]) - cluster_rms(s[0]); });
   return out;
 }
 
@@ -324,13 +281,27 @@ std::vector<ScenarioStatistics> scenario_statistics(const Evaluation& evaluation
   return out;
 }
 
-PairedComparison::Verdict PairedComparison::verdict() const {
-  const double little = 0.01 * first_rmse_deg;
-  if (change_deg.interval.lower > -little && change_deg.interval.upper < little)
-    return Verdict::kSame;
-  if (change_deg.interval.upper < 0.0) return Verdict::kBetter;
-  if (change_deg.interval.lower > 0.0) return Verdict::kWorse;
-  return Verdict::kCannotTell;
+ChangeVerdict change_verdict(const WithInterval& change, double first) {
+  const double little = 0.01 * first;
+  if (change.interval.lower > -little && change.interval.upper < little)
+    return ChangeVerdict::kSame;
+  if (change.interval.upper < 0.0) return ChangeVerdict::kBetter;
+  if (change.interval.lower > 0.0) return ChangeVerdict::kWorse;
+  return ChangeVerdict::kCannotTell;
+}
+
+std::string_view change_verdict_name(ChangeVerdict verdict) {
+  switch (verdict) {
+    case ChangeVerdict::kBetter:
+      return "better";
+    case ChangeVerdict::kWorse:
+      return "worse";
+    case ChangeVerdict::kSame:
+      return "the same within 1 %";
+    case ChangeVerdict::kCannotTell:
+      return "not told apart";
+  }
+  return "?";
 }
 
 std::vector<PairedComparison> paired_comparisons(const Evaluation& evaluation) {

@@ -16,6 +16,7 @@
 
 #include <array>
 #include <optional>
+#include <string_view>
 #include <vector>
 
 #include "src/evaluation/evaluate.h"
@@ -48,6 +49,14 @@ struct ScenarioStatistics {
 /// One per attitude scenario and solver, in the order of plan and table.
 std::vector<ScenarioStatistics> scenario_statistics(const Evaluation& evaluation);
 
+/// What a change of an RMSE says of the one that has changed.
+enum class ChangeVerdict { kBetter, kWorse, kSame, kCannotTell };
+/// By the interval alone: it must not hold zero; the same if it lies within 1 % of `first`, the RMSE
+/// before the change.
+ChangeVerdict change_verdict(const WithInterval& change, double first);
+/// "better", "worse", "the same within 1 %", "not told apart"
+std::string_view change_verdict_name(ChangeVerdict verdict);
+
 /// Is `other` better than `first`?
 struct PairedComparison {
   std::size_t scenario = 0;
@@ -61,9 +70,8 @@ struct PairedComparison {
 
   double first_rmse_deg = Solution::kNaN;  ///< over the same poses
 
-  enum class Verdict { kBetter, kWorse, kSame, kCannotTell };
-  /// By the interval alone: it must not hold zero; the same if it lies within 1 % of the first's RMSE.
-  Verdict verdict() const;
+  using Verdict = ChangeVerdict;
+  Verdict verdict() const { return change_verdict(change_deg, first_rmse_deg); }
 };
 
 /// Every pair of solvers of every scenario.

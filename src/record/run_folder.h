@@ -39,6 +39,8 @@ class RunFolder {
   std::filesystem::path calibration() const { return outputs_ / "calibration.json"; }
   std::filesystem::path evaluation() const { return outputs_ / "evaluation.json"; }
   std::filesystem::path poses() const { return outputs_ / "poses.csv"; }
+  std::filesystem::path noise_spots() const { return outputs_ / "noise_spots.csv"; }
+  std::filesystem::path noise_poses() const { return outputs_ / "noise_poses.csv"; }
   std::filesystem::path tables() const { return outputs_ / "tables"; }
   std::filesystem::path figures() const { return outputs_ / "figures"; }
   std::filesystem::path report() const { return outputs_ / "report.md"; }

@@ -105,14 +105,14 @@ PosePoints::PosePoints(const std::vector<std::string>& columns)
         return header;
       }()) {}
 
-Csv& PosePoints::row(const Solver& solver, std::size_t pose) {
-  poses_[&solver].push_back(pose);
+Csv& PosePoints::row(const Solver& solver, std::size_t pose, std::size_t part) {
+  poses_[{&solver, part}].push_back(pose);
   return csv_.text(solver.name).integer(static_cast<std::int64_t>(pose));
 }
 
 void PosePoints::draw(Draft& draft, const Solver& solver, std::string_view x, std::string_view rest,
-                      std::string_view look, std::string_view command) const {
-  const auto found = poses_.find(&solver);
+                      std::string_view look, std::string_view command, std::size_t part) const {
+  const auto found = poses_.find({&solver, part});
   draft.element(
       fmt::format("'DATA' every ::1 using (strcol(1) eq '{}' ? {} : 1/0):{} with points {}",
                   solver.name, x, rest, look),

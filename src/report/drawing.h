@@ -75,18 +75,20 @@ class PosePoints {
   explicit PosePoints(const std::vector<std::string>& columns);
   /// Begins a row: its numbers follow, and `end_row`. A row that is drawn has no empty cell among the
   /// columns drawn: gnuplot leaves such a point out, and those behind it could not be told any more.
-  Csv& row(const Solver& solver, std::size_t pose);
+  /// @param part of the rows, where a solver's points are spread over several panels
+  Csv& row(const Solver& solver, std::size_t pose, std::size_t part = 0);
   const Csv& csv() const { return csv_; }
   /// A plot command of such points only is an error to gnuplot.
   bool none_of(const Solver& solver) const { return !poses_.contains(&solver); }
   /// Adds the solver's points to the plot. @param x, rest gnuplot's columns: an expression ("$3"), and
   /// what follows it ("4", "4:5:6") @param look behind "with points", such as `solver_look`
+  /// @param part whose points are drawn; `x` must be 1/0 for those of the others
   void draw(Draft& draft, const Solver& solver, std::string_view x, std::string_view rest,
-            std::string_view look, std::string_view command = "plot") const;
+            std::string_view look, std::string_view command = "plot", std::size_t part = 0) const;
 
  private:
   Csv csv_;
-  std::map<const Solver*, std::vector<std::size_t>> poses_;
+  std::map<std::pair<const Solver*, std::size_t>, std::vector<std::size_t>> poses_;
 };
 
 /// Writes the scripts and draws them on all cores. Without gnuplot, or where it fails, a figure is

@@ -16,6 +16,7 @@
 #include "src/report/figures.h"
 #include "src/report/html_report.h"
 #include "src/report/level_tables.h"
+#include "src/report/noise_report.h"
 #include "src/report/pose_data.h"
 #include "src/report/published.h"
 #include "src/report/tables.h"
@@ -329,7 +330,8 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
                                    const Evaluation& evaluation,
                                    const std::vector<CameraComparison>& cameras,
                                    const TruthLevels& levels,
-                                   const std::vector<ErrorBudget>& budgets) {
+                                   const std::vector<ErrorBudget>& budgets,
+                                   const std::optional<NoiseCampaign>& noise) {
   const auto tables = write_tables(folder, record.plan, evaluation, calibration, cameras, levels);
   std::filesystem::create_directories(folder.figures());
   // The paper's in the order of its numbers, then what goes beyond.
@@ -343,6 +345,7 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
   const bool no_spots = !spots && widest_scenario(record.plan);
   if (spots) drafts.push_back(std::move(*spots));
   take(attitude_drafts(folder.figures(), record, evaluation));
+  if (noise) take(noise_drafts(folder.figures(), *noise));
   take(angle_drafts(folder.figures(), record.plan, rig, calibration, evaluation));
   take(normality_drafts(folder.figures(), record.plan, evaluation));
   take(bound_drafts(folder.figures(), record.plan, levels));
@@ -400,6 +403,7 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
 
   md += levels_text(folder, record.plan, levels);
   md += budget_text(write_budget_tables(folder, record.plan, budgets), record.plan, budgets);
+  if (noise) md += noise_text(folder, record, *noise);
   md += "## Failed poses\n\n" + failures_text(evaluation, record.plan);
   md += "\n" + images_text(record) + "## Camera\n\n" + calibration_text(calibration);
   for (const WrittenTable& t : tables)

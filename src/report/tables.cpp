@@ -88,8 +88,10 @@ WrittenTable write_table1(const RunFolder& folder, const Calibration& calibratio
 /// it.
 std::string own_table_name(const std::string& scenario) {
   constexpr std::array<std::string_view, 10> kTaken{
-      "statistics", "repeatability", "paired",     "iso230",                 "camera_solver",
-      "levels",     "budget",        "identified", "identified_correlation", "noise"};
+      "statistics", "repeatability", "paired",
+      "iso230",     "camera_solver", "levels",
+      "budget",     "identified",    "identified_correlation",
+      "noise"};
   const bool taken = scenario.starts_with("table") || scenario.starts_with("scenario_") ||
                      std::ranges::find(kTaken, scenario) != kTaken.end();
   return taken ? "scenario_" + scenario : scenario;
@@ -278,15 +280,10 @@ Table paired_table(const std::vector<LevelStatistics>& levels, const Plan& plan)
                {"verdict", "the other is"}},
               {}};
   for (const auto& [level, c] : rows_of(levels, &LevelStatistics::pairs)) {
-    using Verdict = PairedComparison::Verdict;
-    const Verdict verdict = c.verdict();
     table.rows.push_back({level, plan.scenarios[c.scenario].name, std::string(c.first->name),
                           std::string(c.other->name), whole(c.poses), whole(c.only_first),
                           whole(c.only_other), c.change_deg, c.share_other_nearer,
-                          std::string(verdict == Verdict::kBetter  ? "better"
-                                      : verdict == Verdict::kWorse ? "worse"
-                                      : verdict == Verdict::kSame  ? "the same within 1 %"
-                                                                   : "not told apart")});
+                          std::string(change_verdict_name(c.verdict()))});
   }
   return table;
 }

@@ -137,8 +137,9 @@ TEST_F(DamagedCopy, WhatWasGivenFromElsewhereIsKnownByItsHash) {
 
 TEST_F(DamagedCopy, ARunSetBesideIsMadeAgainTooAsLongAsItIsThere) {
   fs::copy(run, folder / "other", fs::copy_options::recursive);
-  ASSERT_EQ(turntable_program("report " + run.string() + " " + (folder / "other").string()).code,
-            0);
+  ASSERT_EQ(
+      turntable_program("report " + run.string() + " --beside " + (folder / "other").string()).code,
+      0);
   EXPECT_THAT(slurp(run / "tables/camera_solver.csv"), HasSubstr("\n2,"));
   Outcome sound = verify();
   EXPECT_EQ(sound.code, 0) << sound.output;

@@ -1,0 +1,115 @@
+// "turntable report A B": two runs side by side, from what is stored of them.
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "src/app/commands.h"
+#include "src/app/outputs.h"
+#include "src/core/errors.h"
+#include "src/evaluation/run_comparison.h"
+#include "src/record/sha256.h"
+#include "src/report/compare_report.h"
+#include "src/report/pdf.h"
+
+namespace turntable {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string folder_name(const fs::path& run) {
+  const fs::path whole = fs::absolute(run).lexically_normal();
+  return (whole.has_filename() ? whole.filename() : whole.parent_path().filename()).string();
+}
+
+/// What of it is compared, beside its errors.
+struct Compared {
+  RunFolder folder;
+  EvaluationRecord how;
+  StoredRun run;
+};
+
+Compared compared(const fs::path& run) {
+  const RunFolder folder = RunFolder::open(run);
+  if (!fs::exists(folder.calibration()))
+    throw ConfigError(run.string(), "",
+                      fmt::format("has no calibration.json, so that nothing was evaluated yet. "
+                                  "\"turntable evaluate {}\" does it.",
+                                  run.string()));
+  EvaluationRecord how = read_evaluation_record(folder, load_plan(folder.plan()));
+  StoredRun stored = stored_run(folder, how.solvers);
+  return {folder, std::move(how), std::move(stored)};
+}
+
+std::string scenario_names(const Plan& plan) {
+  std::vector<std::string> names;
+  for (const ScenarioInfo& s : plan.scenarios)
+    if (s.kind == ScenarioKind::kAttitude) names.push_back(s.name);
+  return fmt::format("{}", fmt::join(names, ", "));
+}
+
+/// What is not the same: rig, scenarios, calibration, program.
+std::vector<RunFact> differences(const Compared& a, const Compared& b) {
+  std::vector<RunFact> facts = plan_differences(a.run.record.plan, b.run.record.plan);
+  const auto calibration = [](const Compared& c) {
+    return Json{{"source", c.run.calibration.source},
+                {"sha256", sha256_hex(read_text(c.folder.calibration())).substr(0, 16)}};
+  };
+  const auto add = [&](const std::string& what, const Json& first, const Json& other) {
+    for (RunFact& fact : json_differences(what, first, other)) facts.push_back(std::move(fact));
+  };
+  add("calibration", calibration(a), calibration(b));
+  add("program that evaluated", a.how.poses_by, b.how.poses_by);
+  return facts;
+}
+
+}  // namespace
+
+int compare_command(const ReportArguments& a) {
+  const fs::path &first = a.runs[0], &other = a.runs[1];
+  const Compared one = compared(first), two = compared(other);
+  const Plan &plan = one.run.record.plan, &other_plan = two.run.record.plan;
+  const RunComparison comparison =
+      compare_runs(one.run.evaluation, plan, two.run.evaluation, other_plan);
+  if (comparison.scenarios.empty())
+    throw ConfigError(
+        other.string(), "",
+        fmt::format(
+            "has no attitude scenario in common with {}: found {}; there: {}. Scenarios are "
+            "matched by name.",
+            first.string(), scenario_names(other_plan), scenario_names(plan)));
+  if (comparison.changes.empty())
+    throw ConfigError(
+        other.string(), "",
+        fmt::format("was evaluated with none of the solvers of {}. Evaluate both with "
+                    "the same, by --solver.",
+                    first.string()));
+
+  const fs::path out = a.out.empty() ? first / ("compare_" + folder_name(other)) : a.out;
+  const fs::path page = write_comparison(
+      out,
+      {folder_name(first), folder_name(other), one.run.rig.simulated(), two.run.rig.simulated()},
+      differences(one, two), comparison);
+  for (const CommonScenario& s : comparison.scenarios)
+    fmt::print("{:<20} {} poses in both, {} only in A, {} only in B\n", s.name, s.both,
+               s.only_first, s.only_other);
+  for (const RunChange& c : comparison.changes)
+    fmt::print("{:<20} {:<18} A {:.4f}  B {:.4f} deg  {:+.4f} [{:+.4f}, {:+.4f}]  B is {}\n",
+               c.scenario, c.solver->name, c.first_rmse_deg, c.other_rmse_deg, c.change_deg.value,
+               c.change_deg.interval.lower, c.change_deg.interval.upper,
+               change_verdict_name(c.verdict()));
+  if (!a.no_pdf) {
+    fs::path pdf = page;
+    pdf.replace_extension(".pdf");
+    if (const auto trouble = print_pdf(page, pdf))
+      spdlog::warn("{}", *trouble);
+    else
+      fmt::print("printed: {}\n", pdf.string());
+  }
+  fmt::print("comparison: {}\n", page.string());
+  return kDone;
+}
+
+}  // namespace turntable

@@ -1,0 +1,24 @@
+// Two runs side by side: tables, figure, comparison.md and comparison.html in a folder of their own.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "src/evaluation/run_comparison.h"
+
+namespace turntable {
+
+/// What a page is called that compares the two.
+struct ComparedRuns {
+  std::string first, other;  ///< names of their folders
+  bool first_simulated = false, other_simulated = false;
+};
+
+/// Writes comparison.{md,html}, tables/ {comparison,bias,differences,scenarios} and figures/. @param facts what differs between the runs
+/// @return comparison.html's path. @throws RecordError.
+std::filesystem::path write_comparison(const std::filesystem::path& folder,
+                                       const ComparedRuns& runs, const std::vector<RunFact>& facts,
+                                       const RunComparison& comparison);
+
+}  // namespace turntable

@@ -1,0 +1,225 @@
+// "turntable evaluate RUN --noise" and "turntable report A B" on the quick campaign.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <sstream>
+
+#include "tests/app/program.h"
+#include "tests/support/temporary_folder.h"
+
+namespace turntable {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+/// Runs the quick campaign once for all tests of this file; each has a copy.
+class QuickRun : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    shared_ = new TemporaryFolder;
+    first_ = turntable_program(
+        "run scenarios/campaigns/quick.json --rig scenarios/rigs/simulated.json --out " +
+        (*shared_ / "run").string());
+  }
+  static void TearDownTestSuite() { delete shared_; }
+  void SetUp() override {
+    ASSERT_EQ(first_.code, 0) << first_.output;
+    fs::copy(*shared_ / "run", run, fs::copy_options::recursive);
+  }
+  Outcome verb(const std::string& arguments, const std::string& before = "") const {
+    return turntable_program(arguments, before);
+  }
+
+  TemporaryFolder folder;
+  const fs::path run = folder / "run";
+
+ private:
+  inline static TemporaryFolder* shared_ = nullptr;
+  inline static Outcome first_;
+};
+
+std::string lines_with(const std::string& text, const std::string& with) {
+  std::istringstream in(text);
+  std::string out;
+  for (std::string line; std::getline(in, line);)
+    if (line.find(with) != std::string::npos) out += line + "\n";
+  return out;
+}
+
+TEST_F(QuickRun, WithNoiseIsEvaluatedTheSameWayByEveryVerbAndOnOneCore) {
+  const std::string poses = slurp(run / "poses.csv");
+  const Outcome outcome = verb("evaluate " + run.string() + " --noise 30,10 --noise-seed 5");
+  EXPECT_LE(outcome.code, 4) << outcome.output;
+  EXPECT_NE(outcome.code, 2) << outcome.output;
+  EXPECT_EQ(slurp(run / "poses.csv"), poses);
+  // Sigma 0 is poses.csv again.
+  std::string zero;
+  std::istringstream noise(lines_with(slurp(run / "noise_poses.csv"), "quick_triaxial_xyz"));
+  for (std::string line; std::getline(noise, line);)
+    if (line.starts_with("0,")) zero += line.substr(2) + "\n";
+  EXPECT_EQ(zero, lines_with(poses, "quick_triaxial_xyz"));
+  EXPECT_GT(zero.size(), 1000u);
+
+  const std::vector<fs::path> files{"noise_spots.csv", "noise_poses.csv",  "tables/noise.csv",
+                                    "tables/noise.md", "tables/noise.tex", "evaluation.json"};
+  std::vector<std::string> made;
+  for (const fs::path& file : files) {
+    made.push_back(slurp(run / file));
+    EXPECT_GT(made.back().size(), 300u) << file;
+  }
+  EXPECT_THAT(made.back(), HasSubstr("\"sigmas_grey\""));
+  EXPECT_THAT(slurp(run / "report.md"), HasSubstr("## Noise in the images"));
+  const std::string pixels = slurp(run / "figures/figure17_noise.csv");
+  EXPECT_GT(pixels.size(), 10000u);
+  EXPECT_GT(slurp(run / "figures/figure18_noise.csv").size(), 1000u);
+  if (fs::exists(run / "figures/figure14_quick_uniaxial_x.svg")) {
+    EXPECT_TRUE(fs::exists(run / "figures/figure17_noise.svg"));
+    EXPECT_TRUE(fs::exists(run / "figures/figure18_noise.svg"));
+    EXPECT_THAT(slurp(run / "report.html"), Not(HasSubstr("unlinked\"")));
+  }
+
+  const Outcome verified = verb("verify " + run.string());
+  EXPECT_EQ(verified.code, 0) << verified.output;
+  const auto the_same = [&](const std::string& after) {
+    for (std::size_t i = 0; i < files.size(); ++i)
+      EXPECT_EQ(slurp(run / files[i]), made[i]) << after << " " << files[i];
+    EXPECT_EQ(slurp(run / "figures/figure17_noise.csv"), pixels) << after;
+  };
+  EXPECT_EQ(
+      verb("evaluate " + run.string() + " --noise 10,30,10 --noise-seed 5", "taskset -c 0").code,
+      outcome.code);
+  the_same("one core");
+  // From the stored points: no image is read.
+  fs::rename(run / "images", folder / "images");
+  EXPECT_EQ(verb("report " + run.string() + " --no-pdf").code, 0);
+  the_same("report");
+  EXPECT_THAT(slurp(run / "report.md"), HasSubstr("## Noise in the images"));
+  fs::rename(folder / "images", run / "images");
+
+  std::string altered = made[1];
+  altered[altered.size() / 2] ^= 1;
+  spill(run / "noise_poses.csv", altered);
+  EXPECT_EQ(verb("verify " + run.string()).code, 4);
+  fs::remove(run / "noise_spots.csv");
+  const Outcome missing = verb("report " + run.string() + " --no-pdf");
+  EXPECT_EQ(missing.code, 2);
+  EXPECT_THAT(missing.output, HasSubstr("noise_spots.csv"));
+
+  // An evaluation without it leaves nothing of it.
+  EXPECT_EQ(verb("evaluate " + run.string()).code, 0);
+  for (const fs::path& file : files)
+    EXPECT_EQ(fs::exists(run / file), file == "evaluation.json") << file;
+  EXPECT_FALSE(fs::exists(run / "figures/figure17_noise.csv"));
+  EXPECT_THAT(slurp(run / "report.md"), Not(HasSubstr("## Noise in the images")));
+  const Outcome clean = verb("verify " + run.string());
+  EXPECT_EQ(clean.code, 0) << clean.output;
+}
+
+TEST_F(QuickRun, NoiseThatMeansNothingIsRefusedBeforeTheWork) {
+  const std::string report = slurp(run / "report.md");
+  const auto refused = [&](const std::string& options, const std::string& says) {
+    const Outcome outcome = verb("evaluate " + run.string() + " " + options);
+    EXPECT_EQ(outcome.code, 2) << options << ": " << outcome.output;
+    EXPECT_THAT(outcome.output, HasSubstr(says)) << options;
+  };
+  refused("--noise -3", "--noise");
+  refused("--noise=-3", "--noise");
+  refused("--noise 0", "--noise");
+  refused("--noise 5,abc", "--noise");
+  refused("--noise 5,300", "--noise");
+  refused("--noise", "--noise");
+  refused("--scenario quick_triaxial_xyz", "--noise");
+  refused("--noise 5 --noise-seed -1", "--noise-seed");
+  refused("--noise 5 --scenario quick_triaxial", "quick_biaxial_xz");
+  EXPECT_EQ(slurp(run / "report.md"), report);
+  EXPECT_FALSE(fs::exists(run / "noise_spots.csv"));
+}
+
+TEST_F(QuickRun, WithoutImagesHasNoNoise) {
+  const fs::path none = folder / "none";
+  ASSERT_EQ(verb("run scenarios/campaigns/quick.json --rig scenarios/rigs/simulated.json --images "
+                 "none --calibration " +
+                 (run / "calibration.json").string() + " --out " + none.string())
+                .code,
+            0);
+  const Outcome outcome = verb("evaluate " + none.string() + " --noise 5");
+  EXPECT_EQ(outcome.code, 2);
+  EXPECT_THAT(outcome.output, HasSubstr("--images regions"));
+}
+
+TEST_F(QuickRun, IsSetBesideAnotherOneWithWhatDiffers) {
+  std::string rig = slurp(fs::path(TURNTABLE_SOURCE_DIR) / "scenarios/rigs/simulated.json");
+  const auto replace = [&](const std::string& from, const std::string& to) {
+    ASSERT_NE(rig.find(from), std::string::npos) << from;
+    rig.replace(rig.find(from), from.size(), to);
+  };
+  replace(
+      "\"../calibration_sweep.json\"",
+      "\"" + (fs::path(TURNTABLE_SOURCE_DIR) / "scenarios/calibration_sweep.json").string() + "\"");
+  const auto seed = rig.find("\"seed\":");
+  ASSERT_NE(seed, std::string::npos);
+  rig.replace(seed, rig.find_first_of(",\n}", seed) - seed, "\"seed\": 77");
+  spill(folder / "rig.json", rig);
+  const fs::path other = folder / "other";
+  const Outcome taken = verb("run scenarios/campaigns/quick.json --rig " +
+                             (folder / "rig.json").string() + " --out " + other.string());
+  ASSERT_EQ(taken.code, 0) << taken.output;
+  const std::string poses = slurp(run / "poses.csv"), report = slurp(run / "report.md");
+
+  const Outcome outcome = verb("report " + run.string() + " " + other.string() + " --no-pdf");
+  EXPECT_EQ(outcome.code, 0) << outcome.output;
+  EXPECT_THAT(outcome.output, HasSubstr("compare_other/comparison.html"));
+  const fs::path compared = run / "compare_other";
+  const std::string table = slurp(compared / "tables/comparison.csv");
+  EXPECT_THAT(table, HasSubstr("quick_triaxial_xyz,ml_ray,paired,8,8,0,0,"));
+  EXPECT_THAT(table, HasSubstr("change_lower_deg"));
+  EXPECT_THAT(slurp(compared / "tables/bias.csv"), HasSubstr("bias_change_yaw_upper_deg"));
+  const std::string facts = slurp(compared / "tables/differences.csv");
+  EXPECT_THAT(facts, HasSubstr("/simulation/seed"));
+  EXPECT_THAT(facts, HasSubstr("calibration,/sha256"));
+  EXPECT_THAT(facts, Not(HasSubstr("scenario file")));
+  const std::string text = slurp(compared / "comparison.md");
+  EXPECT_LT(text.find("## What differs"), text.find("## Errors"));
+  EXPECT_GT(slurp(compared / "comparison.html").size(), 10000u);
+  EXPECT_GT(slurp(compared / "figures/comparison_change.csv").size(), 500u);
+  // The runs are as they were.
+  EXPECT_EQ(slurp(run / "poses.csv"), poses);
+  EXPECT_EQ(slurp(run / "report.md"), report);
+  EXPECT_FALSE(fs::exists(other / "compare_run"));
+  EXPECT_EQ(verb("verify " + run.string()).code, 0);
+
+  // With itself nothing differs.
+  const Outcome itself = verb("report " + run.string() + " " + run.string() + " --no-pdf --out " +
+                              (folder / "itself").string());
+  EXPECT_EQ(itself.code, 0) << itself.output;
+  EXPECT_THAT(slurp(folder / "itself/comparison.md"), HasSubstr("Nothing: rig, scenarios"));
+  EXPECT_THAT(itself.output, Not(HasSubstr("B is better")));
+  EXPECT_THAT(itself.output, HasSubstr("B is the same within 1 %"));
+}
+
+TEST_F(QuickRun, IsNotComparedWithWhatItCannotBe) {
+  const auto refused = [&](const std::string& arguments, const std::string& says) {
+    const Outcome outcome = verb("report " + arguments + " --no-pdf");
+    EXPECT_EQ(outcome.code, 2) << arguments << ": " << outcome.output;
+    EXPECT_THAT(outcome.output, HasSubstr(says)) << arguments;
+  };
+  const std::string name = run.string();
+  refused(name + " " + (folder / "nowhere").string(), "nowhere");
+  refused(name + " " + name + " " + name, "runs");
+  refused(name + " " + name + " --beside " + name, "--beside");
+  refused(name + " --out " + (folder / "out").string(), "--out");
+  const fs::path single = folder / "single";
+  ASSERT_EQ(verb("run scenarios/uniaxial_z.json --rig scenarios/rigs/simulated.json --images none "
+                 "--calibration " +
+                 (run / "calibration.json").string() + " --out " + single.string())
+                .code,
+            0);
+  refused(name + " " + single.string(), "no attitude scenario in common");
+  fs::remove(single / "calibration.json");
+  refused(name + " " + single.string(), "turntable evaluate");
+}
+
+}  // namespace
+}  // namespace turntable
