@@ -76,6 +76,16 @@ double normal_quantile(double probability) {
   return 0.5 * (low + high);
 }
 
+/// "0.01, 0.02, 0.05": of a logarithmic scale, which gnuplot labels by decades, were there none in it.
+std::string decade_tics(double low, double high) {
+  std::string tics;
+  for (double decade = std::pow(10.0, std::floor(std::log10(low))); decade <= high; decade *= 10.0)
+    for (const double part : {1.0, 2.0, 5.0})
+      if (part * decade >= low && part * decade <= high)
+        tics += fmt::format("{}{:.6g}", tics.empty() ? "" : ", ", part * decade);
+  return tics;
+}
+
 /// "uniaxial_x" as gnuplot shows it between single quotes.
 std::string in_quotes(std::string_view text) {
   std::string out;
@@ -127,7 +137,7 @@ std::vector<Draft> angle_drafts(const std::filesystem::path& folder, const Plan&
     });
     if (at.empty()) continue;
     std::ranges::sort(at);
-    const std::size_t window = std::min(at.size(), std::max<std::size_t>(9, at.size() / 15)),
+    const std::size_t window = std::min(at.size(), std::max<std::size_t>(3, at.size() / 15)),
                       steps = std::min(kMedians, at.size() - window + 1);
     for (std::size_t i = 0; i < steps; ++i) {
       const std::size_t first = steps == 1 ? 0 : i * (at.size() - window) / (steps - 1);
@@ -155,8 +165,9 @@ std::vector<Draft> angle_drafts(const std::filesystem::path& folder, const Plan&
   draft.size = grid.of(curves.size() + 1).size();
   draft.commands = fmt::format(
       "set key off\nset logscale y\nset yrange [{:.4g}:{:.4g}]\nset xrange [{:.4g}:{:.4g}]\n"
-      "set xlabel 'angle / deg' offset 0,0.3\nset format y '%g'\n{}",
-      0.8 * low, 1.25 * high, least_deg - 0.5, most_deg + 0.5, grid.multiplot());
+      "set xlabel 'angle / deg' offset 0,0.3\nset format y '%g'\nset ytics ({})\n{}",
+      0.8 * low, 1.25 * high, least_deg - 0.5, most_deg + 0.5, decade_tics(0.8 * low, 1.25 * high),
+      grid.multiplot());
   const auto median = [&](const Curve& curve, std::string_view look) {
     draft.element(fmt::format("'error_angle_median.csv' every ::{}::{} using 2:3 with lines {}",
                               curve.rows.first, curve.rows.last, look),
@@ -492,13 +503,15 @@ std::vector<Draft> drift_drafts(const std::filesystem::path& folder, const RunRe
     for (std::size_t k = 0; k < of_solver.size(); ++k) {
       const Solver& solver = *evaluation.solvers[k];
       const Lines& lines = of_solver[k];
+      // With marks: of few poses there is a single block, and no line.
       for (const FileRows& rows : lines.means)
-        draft.element(fmt::format("{} using 5:{} with lines {}", rows.every(), a + 6,
-                                  &rows == &lines.means.front()
-                                      ? solver_line(solver, k)
-                                      : fmt::format("dt {} lw 1.5 lc rgb '{}' notitle", k % 5 + 1,
-                                                    solver_colour(k))),
-                      {std::string(solver.name), {}});
+        draft.element(
+            fmt::format(
+                "{} using 5:{} with linespoints ps 0.3 pt {} {}", rows.every(), a + 6, k + 4,
+                &rows == &lines.means.front()
+                    ? solver_line(solver, k)
+                    : fmt::format("dt {} lw 1.5 lc rgb '{}' notitle", k % 5 + 1, solver_colour(k))),
+            {std::string(solver.name), {}});
       if (!lines.return_poses.empty())
         draft.element(fmt::format("{} using 5:{} with points ps 0.9 pt {} lc rgb '{}' notitle",
                                   lines.returns.every(), a + 6, k + 4, solver_colour(k)),

@@ -62,16 +62,31 @@ double common_error_deg(const Evaluation& evaluation, std::size_t scenario) {
 /// Column of an axis in the file of `error_figure`.
 int error_column(AxisId axis) { return axis == AxisId::kYaw ? 4 : axis == AxisId::kRoll ? 5 : 6; }
 
-/// Least distance of two targets of an axis among a scenario's poses; 1 if there is only one.
-double target_step(const Evaluation& evaluation, std::size_t scenario, AxisId axis) {
+/// Where an axis was sent to in a scenario.
+std::set<double> targets_of(const Evaluation& evaluation, std::size_t scenario, AxisId axis) {
   std::set<double> targets;
   for (const EvaluatedPose& pose : evaluation.poses)
     if (pose.planned.scenario == scenario && pose.planned.role == PoseRole::kMeasure)
       targets.insert(pose.planned.target(axis));
+  return targets;
+}
+
+/// Least distance of two targets of an axis; 1 if there is only one.
+double target_step(const Evaluation& evaluation, std::size_t scenario, AxisId axis) {
+  const std::set<double> targets = targets_of(evaluation, scenario, axis);
   double step = INFINITY;
   for (auto it = targets.begin(); it != targets.end() && std::next(it) != targets.end(); ++it)
     step = std::min(step, *std::next(it) - *it);
   return std::isfinite(step) ? step : 1.0;
+}
+
+/// How far marks of one target are set apart, so that `count` of them stay near it.
+double mark_distance(const Evaluation& evaluation, std::size_t scenario, AxisId axis,
+                     std::size_t count) {
+  const std::set<double> targets = targets_of(evaluation, scenario, axis);
+  const double span = targets.empty() ? 0.0 : *targets.rbegin() - *targets.begin();
+  const double most = 0.7 * target_step(evaluation, scenario, axis) / static_cast<double>(count);
+  return span > 0.0 ? std::min(most, 0.015 * span) : most;
 }
 
 /// Errors of one axis' motion: pitch, roll and yaw one below the other.
@@ -101,7 +116,7 @@ void uniaxial_errors(Draft& draft, const PosePoints& points, const Evaluation& e
     const double room = 0.06 * (high - low);
     draft.commands += fmt::format("set yrange [{:.6g}:{:.6g}]\n", low - room, high + room);
   }
-  const double apart = 0.7 * target_step(evaluation, scenario, axis) / static_cast<double>(count);
+  const double apart = mark_distance(evaluation, scenario, axis, count);
   for (const auto& [name, error] :
        {std::pair("pitch", "9"), std::pair("roll", "8"), std::pair("yaw", "7")}) {
     const bool last = std::string_view(name) == "yaw";
@@ -159,7 +174,7 @@ void multiaxial_errors(Draft& draft, const PosePoints& points, const Evaluation&
   if (flat)
     draft.commands += fmt::format(
         "set xlabel '{} / deg'\nset ylabel '{} / deg'\n"
-        "set autoscale fix\nset offsets graph 0.04, graph 0.04, graph 0.05, graph 0.05\n",
+        "set autoscale fix\nset offsets graph 0.07, graph 0.07, graph 0.07, graph 0.07\n",
         axis_name(info.axes[1]), axis_name(info.axes[0]));
   else
     draft.commands +=
@@ -172,7 +187,8 @@ void multiaxial_errors(Draft& draft, const PosePoints& points, const Evaluation&
     if (flat)
       points.draw(draft, solver,
                   fmt::format("${}+({:.4g})*($3-{})", error_column(info.axes[1]),
-                              0.6 * target_step(evaluation, scenario, info.axes[1]) / info.repeats,
+                              mark_distance(evaluation, scenario, info.axes[1],
+                                            static_cast<std::size_t>(info.repeats)),
                               0.5 * (info.repeats + 1)),
                   fmt::format("{}:10", error_column(info.axes[0])), "pt 7 ps 0.6 lc palette");
     else
