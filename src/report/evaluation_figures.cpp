@@ -493,7 +493,7 @@ std::vector<Draft> drift_drafts(const std::filesystem::path& folder, const RunRe
   draft.size = grid.size();
   draft.commands =
       grid.multiplot() +
-      "set key at screen 0.995,0.97\nset offsets graph 0.01, graph 0.01, graph 0.05, graph 0.05\n"
+      "set key at screen 0.995,0.97\nset offsets graph 0.02, graph 0.02, graph 0.05, graph 0.05\n"
       "set xzeroaxis lc rgb '#888888'\nset format x ''\nset autoscale xfix\n";
   for (std::size_t a = 0; a < kToldAxes.size(); ++a) {
     draft.commands += fmt::format("set ylabel '{} error / deg'\n", axis_name(kToldAxes[a]));
@@ -507,7 +507,7 @@ std::vector<Draft> drift_drafts(const std::filesystem::path& folder, const RunRe
       for (const FileRows& rows : lines.means)
         draft.element(
             fmt::format(
-                "{} using 5:{} with linespoints ps 0.3 pt {} {}", rows.every(), a + 6, k + 4,
+                "{} using 5:{} with linespoints ps 0.45 pt {} {}", rows.every(), a + 6, k + 4,
                 &rows == &lines.means.front()
                     ? solver_line(solver, k)
                     : fmt::format("dt {} lw 1.5 lc rgb '{}' notitle", k % 5 + 1, solver_colour(k))),
@@ -603,7 +603,8 @@ std::vector<Draft> budget_drafts(const std::filesystem::path& folder, const Plan
       "solver's total error, for a rig built to the drawings{}. Numbers are those of the key; "
       "at the top stands the predicted total; diamond: the observed mean square.",
       plan.scenarios[*scenario].title,
-      found ? " and for this one as found (where causes cancel, they sum up to more than 100 %)"
+      found ? " and for this one as found (its causes add up pose by pose: to more than 100 % "
+              "where they cancel, to less where they join)"
             : "");
   const PanelGrid grid{.columns = panels.size(),
                        .width = 90.0 * static_cast<double>(of.size()),

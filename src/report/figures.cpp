@@ -110,7 +110,7 @@ void uniaxial_errors(Draft& draft, const PosePoints& points, const Evaluation& e
           }
   draft.commands =
       "set multiplot layout 3,1 margins 0.1,0.8,0.08,0.98 spacing 0,0.025\n"
-      "set key at screen 0.99,0.97\nset autoscale xfix\nset offsets graph 0.02, graph 0.02, 0, 0\n"
+      "set key at screen 0.99,0.97\nset autoscale xfix\nset offsets graph 0.03, graph 0.03, 0, 0\n"
       "set xzeroaxis lc rgb '#888888'\n";
   if (high > low) {
     const double room = 0.06 * (high - low);
@@ -425,7 +425,7 @@ std::optional<Draft> spots_draft(const RunFolder& folder, const RunRecord& recor
                       std::min(image.height - 1, top + 2 * half)};
     draft.commands += fmt::format(
         "set title '{:+g}, {:+g}, {:+g} deg{}'\nset xrange [{}:{}]\nset yrange [{}:{}]\n"
-        "plot {}, 'DATA' every ::{}::{} using 6:7 with points pt 1 ps 1.1 lw 1.2 lc rgb '#E69F00', "
+        "plot {}, 'DATA' every ::{}::{} using 6:7 with points pt 1 ps 1.6 lw 0.8 lc rgb '#E69F00', "
         "'' every ::{}::{} using 6:7:(sprintf('M%d', $5)) with labels center offset 0,0.95 font "
         "'sans,13' textcolor rgb '#56B4E9'\n",
         pose->planned.yaw_deg, pose->planned.roll_deg, pose->planned.pitch_deg,
