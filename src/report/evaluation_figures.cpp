@@ -76,6 +76,16 @@ double normal_quantile(double probability) {
   return 0.5 * (low + high);
 }
 
+/// "0.01, 0.02, 0.05": of a logarithmic scale, which gnuplot labels by decades, were there none in it.
+std::string decade_tics(double low, double high) {
+  std::string tics;
+  for (double decade = std::pow(10.0, std::floor(std::log10(low))); decade <= high; decade *= 10.0)
+    for (const double part : {1.0, 2.0, 5.0})
+      if (part * decade >= low && part * decade <= high)
+        tics += fmt::format("{}{:.6g}", tics.empty() ? "" : ", ", part * decade);
+  return tics;
+}
+
 /// "uniaxial_x" as gnuplot shows it between single quotes.
 std::string in_quotes(std::string_view text) {
   std::string out;
@@ -127,7 +137,7 @@ std::vector<Draft> angle_drafts(const std::filesystem::path& folder, const Plan&
     });
     if (at.empty()) continue;
     std::ranges::sort(at);
-    const std::size_t window = std::min(at.size(), std::max<std::size_t>(9, at.size() / 15)),
+    const std::size_t window = std::min(at.size(), std::max<std::size_t>(3, at.size() / 15)),
                       steps = std::min(kMedians, at.size() - window + 1);
     for (std::size_t i = 0; i < steps; ++i) {
       const std::size_t first = steps == 1 ? 0 : i * (at.size() - window) / (steps - 1);
@@ -155,8 +165,9 @@ std::vector<Draft> angle_drafts(const std::filesystem::path& folder, const Plan&
   draft.size = grid.of(curves.size() + 1).size();
   draft.commands = fmt::format(
       "set key off\nset logscale y\nset yrange [{:.4g}:{:.4g}]\nset xrange [{:.4g}:{:.4g}]\n"
-      "set xlabel 'angle / deg' offset 0,0.3\nset format y '%g'\n{}",
-      0.8 * low, 1.25 * high, least_deg - 0.5, most_deg + 0.5, grid.multiplot());
+      "set xlabel 'angle / deg' offset 0,0.3\nset format y '%g'\nset ytics ({})\n{}",
+      0.8 * low, 1.25 * high, least_deg - 0.5, most_deg + 0.5, decade_tics(0.8 * low, 1.25 * high),
+      grid.multiplot());
   const auto median = [&](const Curve& curve, std::string_view look) {
     draft.element(fmt::format("'error_angle_median.csv' every ::{}::{} using 2:3 with lines {}",
                               curve.rows.first, curve.rows.last, look),
@@ -279,10 +290,15 @@ std::vector<Draft> bound_drafts(const std::filesystem::path& folder, const Plan&
       "gain.";
   PanelGrid grid{.bottom = 90, .below = 110};
   draft.size = grid.of(judged.bounds.size()).size();
-  double largest = 0.0;
+  std::map<const Solver*, double> of_solver;
   for (const LevelRow& r : judged.rows)
     if (std::isfinite(r.statistics.rmse_total_deg))
-      largest = std::max(largest, r.statistics.rmse_total_deg);
+      of_solver[r.solver] = std::max(of_solver[r.solver], r.statistics.rmse_total_deg);
+  std::vector<double> ends;
+  for (const auto& [solver, end] : of_solver) ends.push_back(end);
+  double largest = common_limit(ends);
+  if (!ends.empty() && std::ranges::max(ends) > largest)
+    draft.figure.caption += " Bars that end at the frame reach beyond it.";
   for (const LevelBound& b : judged.bounds)
     if (std::isfinite(b.total_with_repeatability_deg))
       largest = std::max(largest, b.total_with_repeatability_deg);
@@ -358,11 +374,16 @@ std::vector<Draft> repeatability_drafts(const std::filesystem::path& folder, con
       "mean, by axis and solver, on one scale. Errors that come back every time are not in it.";
   PanelGrid grid{.height = 260};
   draft.size = grid.of(by_scenario.size()).size();
-  double largest = 0.0;
+  std::map<const Solver*, double> of_solver;
   for (const auto& [scenario, of] : by_scenario)
     for (const ScenarioStatistics* s : of)
       for (const AxisDetail& a : s->axes)
-        if (std::isfinite(a.repeatability_deg)) largest = std::max(largest, a.repeatability_deg);
+        if (std::isfinite(a.repeatability_deg))
+          of_solver[s->solver] = std::max(of_solver[s->solver], a.repeatability_deg);
+  std::vector<double> ends;
+  for (const auto& [solver, end] : of_solver) ends.push_back(end);
+  const double largest = common_limit(ends);
+  if (std::ranges::max(ends) > largest) draft.figure.caption += kBeyondScale;
   draft.commands = fmt::format(
       "set yrange [0:{:.4g}]\nset xrange [-0.5:2.5]\nset xtics scale 0 ({})\n{}"
       "set key at screen 0.995,0.95\n",
@@ -386,9 +407,10 @@ std::vector<Draft> repeatability_drafts(const std::filesystem::path& folder, con
             .number((*found)->axes[a].repeatability_deg, 6);
         csv.integer((*found)->repeats).end_row();
       }
-      draft.element(fmt::format("{} using 4:5 with points ps 1.1 lw 1.5 {}", rows.every(),
-                                solver_look(solver, k)),
-                    {std::string(solver.name), {}});
+      draft.element(
+          fmt::format("{0} using 4:($5 > {1:.6g} ? {1:.6g} : $5) with points ps 1.1 lw 1.5 {2}",
+                      rows.every(), largest, solver_look(solver, k)),
+          {std::string(solver.name), {}});
     }
     draft.end_plot().commands += "set key off\n";
     ++panel;
@@ -421,6 +443,7 @@ std::vector<Draft> drift_drafts(const std::filesystem::path& folder, const RunRe
     csv.integer(static_cast<std::int64_t>(poses)).end_row();
     ++row;
   };
+  std::vector<double> largest(evaluation.solvers.size());
   struct Lines {
     std::vector<FileRows> means;  ///< one per scenario and repeat: no line from one to the next
     FileRows returns;
@@ -441,8 +464,9 @@ std::vector<Draft> drift_drafts(const std::filesystem::path& folder, const RunRe
         stretches[{pose.planned.scenario, pose.planned.repeat}].push_back(&pose);
       if (pose.planned.role != PoseRole::kReturn) continue;
       lines.return_poses.push_back(pose.planned.index);
-      add(solver, "return", pose.planned, when[pose.planned.index],
-          {e.pitch_deg, e.roll_deg, e.yaw_deg}, 1);
+      const Vector3d error_deg(e.pitch_deg, e.roll_deg, e.yaw_deg);
+      add(solver, "return", pose.planned, when[pose.planned.index], error_deg, 1);
+      largest[k] = std::max(largest[k], error_deg.cwiseAbs().maxCoeff());
     }
     lines.returns.last = row;
     for (const auto& [of, poses] : stretches) {
@@ -460,6 +484,7 @@ std::vector<Draft> drift_drafts(const std::filesystem::path& folder, const RunRe
         }
         const auto n = static_cast<double>(end - begin);
         add(solver, "mean", poses[begin]->planned, time / n, sum / n, end - begin);
+        largest[k] = std::max(largest[k], sum.cwiseAbs().maxCoeff() / n);
       }
       lines.means.push_back({first, row});
     }
@@ -482,8 +507,18 @@ std::vector<Draft> drift_drafts(const std::filesystem::path& folder, const RunRe
   draft.size = grid.size();
   draft.commands =
       grid.multiplot() +
-      "set key at screen 0.995,0.97\nset offsets graph 0.01, graph 0.01, graph 0.05, graph 0.05\n"
+      "set key at screen 0.995,0.97\nset offsets graph 0.02, graph 0.02, graph 0.05, graph 0.05\n"
       "set xzeroaxis lc rgb '#888888'\nset format x ''\nset autoscale xfix\n";
+  std::erase(largest, 0.0);  // measured nothing
+  const double limit = common_limit(largest);
+  if (!largest.empty() && std::ranges::max(largest) > limit) {
+    draft.commands += fmt::format("set yrange [{:.6g}:{:.6g}]\n", -limit, limit);
+    draft.figure.caption += kBeyondScale;
+  }
+  const auto within = [limit](std::size_t column) {
+    return fmt::format("(${0} > {1:.6g} ? {1:.6g} : ${0} < -{1:.6g} ? -{1:.6g} : ${0})", column,
+                       limit);
+  };
   for (std::size_t a = 0; a < kToldAxes.size(); ++a) {
     draft.commands += fmt::format("set ylabel '{} error / deg'\n", axis_name(kToldAxes[a]));
     if (a + 1 == kToldAxes.size())
@@ -492,8 +527,10 @@ std::vector<Draft> drift_drafts(const std::filesystem::path& folder, const RunRe
     for (std::size_t k = 0; k < of_solver.size(); ++k) {
       const Solver& solver = *evaluation.solvers[k];
       const Lines& lines = of_solver[k];
+      // With marks: of few poses there is a single block, and no line.
       for (const FileRows& rows : lines.means)
-        draft.element(fmt::format("{} using 5:{} with lines {}", rows.every(), a + 6,
+        draft.element(fmt::format("{} using 5:{} with linespoints ps 0.45 pt {} {}", rows.every(),
+                                  within(a + 6), k + 4,
                                   &rows == &lines.means.front()
                                       ? solver_line(solver, k)
                                       : fmt::format("dt {} lw 1.5 lc rgb '{}' notitle", k % 5 + 1,
@@ -501,7 +538,7 @@ std::vector<Draft> drift_drafts(const std::filesystem::path& folder, const RunRe
                       {std::string(solver.name), {}});
       if (!lines.return_poses.empty())
         draft.element(fmt::format("{} using 5:{} with points ps 0.9 pt {} lc rgb '{}' notitle",
-                                  lines.returns.every(), a + 6, k + 4, solver_colour(k)),
+                                  lines.returns.every(), within(a + 6), k + 4, solver_colour(k)),
                       {std::string(solver.name), lines.return_poses});
     }
     draft.end_plot().commands += "set key off\n";
@@ -590,7 +627,8 @@ std::vector<Draft> budget_drafts(const std::filesystem::path& folder, const Plan
       "solver's total error, for a rig built to the drawings{}. Numbers are those of the key; "
       "at the top stands the predicted total; diamond: the observed mean square.",
       plan.scenarios[*scenario].title,
-      found ? " and for this one as found (where causes cancel, they sum up to more than 100 %)"
+      found ? " and for this one as found (its causes add up pose by pose: to more than 100 % "
+              "where they cancel, to less where they join)"
             : "");
   const PanelGrid grid{.columns = panels.size(),
                        .width = 90.0 * static_cast<double>(of.size()),

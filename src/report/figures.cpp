@@ -44,34 +44,49 @@ void trajectory_figure(const std::filesystem::path& folder, const RunRecord& rec
   drafts.push_back(std::move(draft));
 }
 
-/// Where the errors of all but the worst hundredth of any solver end, deg: a scale that one wrong
-/// minimum does not spoil. 0 if nothing was measured.
+/// Where the errors of all but the worst hundredth of the solvers end, deg: a scale that one wrong
+/// minimum does not spoil, nor one wrong solver. 0 if nothing was measured.
 double common_error_deg(const Evaluation& evaluation, std::size_t scenario) {
-  double largest = 0.0;
+  std::vector<double> ends;
   for (std::size_t k = 0; k < evaluation.solvers.size(); ++k) {
     std::vector<double> errors;
     for (const EvaluatedPose& pose : evaluation.poses)
       if (pose.planned.scenario == scenario && pose.planned.role == PoseRole::kMeasure &&
           pose.results[k].measured)
         errors.push_back(pose.results[k].error.geodesic_deg);
-    if (!errors.empty()) largest = std::max(largest, percentile(errors, 0.99));
+    if (!errors.empty()) ends.push_back(percentile(errors, 0.99));
   }
-  return largest;
+  return common_limit(ends);
 }
 
 /// Column of an axis in the file of `error_figure`.
 int error_column(AxisId axis) { return axis == AxisId::kYaw ? 4 : axis == AxisId::kRoll ? 5 : 6; }
 
-/// Least distance of two targets of an axis among a scenario's poses; 1 if there is only one.
-double target_step(const Evaluation& evaluation, std::size_t scenario, AxisId axis) {
+/// Where an axis was sent to in a scenario.
+std::set<double> targets_of(const Evaluation& evaluation, std::size_t scenario, AxisId axis) {
   std::set<double> targets;
   for (const EvaluatedPose& pose : evaluation.poses)
     if (pose.planned.scenario == scenario && pose.planned.role == PoseRole::kMeasure)
       targets.insert(pose.planned.target(axis));
+  return targets;
+}
+
+/// Least distance of two targets of an axis; 1 if there is only one.
+double target_step(const Evaluation& evaluation, std::size_t scenario, AxisId axis) {
+  const std::set<double> targets = targets_of(evaluation, scenario, axis);
   double step = INFINITY;
   for (auto it = targets.begin(); it != targets.end() && std::next(it) != targets.end(); ++it)
     step = std::min(step, *std::next(it) - *it);
   return std::isfinite(step) ? step : 1.0;
+}
+
+/// How far marks of one target are set apart, so that `count` of them stay near it.
+double mark_distance(const Evaluation& evaluation, std::size_t scenario, AxisId axis,
+                     std::size_t count) {
+  const std::set<double> targets = targets_of(evaluation, scenario, axis);
+  const double span = targets.empty() ? 0.0 : *targets.rbegin() - *targets.begin();
+  const double most = 0.7 * target_step(evaluation, scenario, axis) / static_cast<double>(count);
+  return span > 0.0 ? std::min(most, 0.015 * span) : most;
 }
 
 /// Errors of one axis' motion: pitch, roll and yaw one below the other.
@@ -85,25 +100,36 @@ void uniaxial_errors(Draft& draft, const PosePoints& points, const Evaluation& e
       axis_name(axis), info.title);
   draft.size = "1000,780";
   double low = INFINITY, high = -INFINITY;
-  for (const EvaluatedPose& pose : evaluation.poses)
-    if (pose.planned.scenario == scenario && pose.planned.role == PoseRole::kMeasure)
-      for (const PoseResult& r : pose.results)
-        if (r.measured)
-          for (const double e : {r.error.pitch_deg, r.error.roll_deg, r.error.yaw_deg}) {
-            low = std::min(low, e);
-            high = std::max(high, e);
-          }
+  std::vector<double> largest;
+  for (std::size_t k = 0; k < count; ++k) {
+    double of_solver = -1.0;
+    for (const EvaluatedPose& pose : evaluation.poses)
+      if (pose.planned.scenario == scenario && pose.planned.role == PoseRole::kMeasure &&
+          pose.results[k].measured) {
+        const PoseError& error = pose.results[k].error;
+        for (const double e : {error.pitch_deg, error.roll_deg, error.yaw_deg}) {
+          low = std::min(low, e);
+          high = std::max(high, e);
+          of_solver = std::max(of_solver, std::abs(e));
+        }
+      }
+    if (of_solver >= 0.0) largest.push_back(of_solver);
+  }
+  const double limit = common_limit(largest);
+  if (std::max(-low, high) > limit) draft.figure.caption += kBeyondScale;
+  low = std::max(low, -limit);
+  high = std::min(high, limit);
   draft.commands =
       "set multiplot layout 3,1 margins 0.1,0.8,0.08,0.98 spacing 0,0.025\n"
-      "set key at screen 0.99,0.97\nset autoscale xfix\nset offsets graph 0.02, graph 0.02, 0, 0\n"
+      "set key at screen 0.99,0.97\nset autoscale xfix\nset offsets graph 0.03, graph 0.03, 0, 0\n"
       "set xzeroaxis lc rgb '#888888'\n";
   if (high > low) {
     const double room = 0.06 * (high - low);
     draft.commands += fmt::format("set yrange [{:.6g}:{:.6g}]\n", low - room, high + room);
   }
-  const double apart = 0.7 * target_step(evaluation, scenario, axis) / static_cast<double>(count);
+  const double apart = mark_distance(evaluation, scenario, axis, count);
   for (const auto& [name, error] :
-       {std::pair("pitch", "9"), std::pair("roll", "8"), std::pair("yaw", "7")}) {
+       {std::pair("pitch", "$9"), std::pair("roll", "$8"), std::pair("yaw", "$7")}) {
     const bool last = std::string_view(name) == "yaw";
     draft.commands += fmt::format(
         "set ylabel '{} error / deg'\n{}", name,
@@ -112,7 +138,9 @@ void uniaxial_errors(Draft& draft, const PosePoints& points, const Evaluation& e
     for (std::size_t k = 0; k < count; ++k) {
       const Solver& solver = *evaluation.solvers[k];
       const double aside = (static_cast<double>(k) - 0.5 * static_cast<double>(count - 1)) * apart;
-      points.draw(draft, solver, fmt::format("${}+({:.4g})", error_column(axis), aside), error,
+      points.draw(draft, solver, fmt::format("${}+({:.4g})", error_column(axis), aside),
+                  fmt::format("({0} < {1:.6g} ? {1:.6g} : {0} > {2:.6g} ? {2:.6g} : {0})", error,
+                              low, high),
                   "ps 0.55 " + solver_look(solver, k));
     }
     draft.end_plot().commands += "set key off\n";
@@ -151,7 +179,7 @@ void multiaxial_errors(Draft& draft, const PosePoints& points, const Evaluation&
   const bool flat = info.axes.size() == 2;
   draft.figure.caption = fmt::format(
       "Geodesic error of every pose over the turntable's angles, {}: a panel per solver, the "
-      "paper's comparison first, one scale for all; the scale ends where 99 % of every solver's "
+      "paper's comparison first, one scale for all; the scale ends where 99 % of the solvers' "
       "errors do{} (as figure 15).",
       info.title, flat && info.repeats > 1 ? "; repeats are set side by side" : "");
   draft.commands = panels_with_scale(draft, columns, rows, kPanelPx,
@@ -159,7 +187,7 @@ void multiaxial_errors(Draft& draft, const PosePoints& points, const Evaluation&
   if (flat)
     draft.commands += fmt::format(
         "set xlabel '{} / deg'\nset ylabel '{} / deg'\n"
-        "set autoscale fix\nset offsets graph 0.04, graph 0.04, graph 0.05, graph 0.05\n",
+        "set autoscale fix\nset offsets graph 0.07, graph 0.07, graph 0.07, graph 0.07\n",
         axis_name(info.axes[1]), axis_name(info.axes[0]));
   else
     draft.commands +=
@@ -172,7 +200,8 @@ void multiaxial_errors(Draft& draft, const PosePoints& points, const Evaluation&
     if (flat)
       points.draw(draft, solver,
                   fmt::format("${}+({:.4g})*($3-{})", error_column(info.axes[1]),
-                              0.6 * target_step(evaluation, scenario, info.axes[1]) / info.repeats,
+                              mark_distance(evaluation, scenario, info.axes[1],
+                                            static_cast<std::size_t>(info.repeats)),
                               0.5 * (info.repeats + 1)),
                   fmt::format("{}:10", error_column(info.axes[0])), "pt 7 ps 0.6 lc palette");
     else
@@ -238,7 +267,7 @@ void separation_figure(const std::filesystem::path& folder, const RunRecord& rec
   std::vector<Map> maps;
   Csv csv({"solver", "plane", "x_deg", "y_deg", "mean_error_deg", "poses"});
   std::size_t rows = 0;
-  double largest = 0.0;
+  std::map<std::size_t, double> largest;
   for (const std::size_t k : compared_solvers(evaluation))
     for (const auto& plane : kPlanes) {
       struct Sum {
@@ -258,7 +287,7 @@ void separation_figure(const std::filesystem::path& folder, const RunRecord& rec
       rows += cells.size();
       for (const auto& [at, sum] : cells) {
         const double mean_deg = sum.deg / sum.poses;
-        largest = std::max(largest, mean_deg);
+        largest[k] = std::max(largest[k], mean_deg);
         csv.text(evaluation.solvers[k]->name);
         csv.text(fmt::format("{}-{}", axis_name(plane.first), axis_name(plane.second)));
         csv.number(at.first, 4).number(at.second, 4).number(mean_deg, 6).integer(sum.poses);
@@ -273,10 +302,12 @@ void separation_figure(const std::filesystem::path& folder, const RunRecord& rec
       "pitch-yaw and roll-yaw, the third angle averaged out; a row per solver, one scale for all "
       "(as figure 16).",
       info.title);
+  std::vector<double> ends;
+  for (const auto& [k, end] : largest) ends.push_back(end);
   const std::size_t panel_rows = maps.size() / kPlanes.size();
-  draft.commands =
-      panels_with_scale(draft, kPlanes.size(), panel_rows, kMapPx, largest, "mean error / deg") +
-      "set style fill solid noborder\nunset grid\nset autoscale fix\n";
+  draft.commands = panels_with_scale(draft, kPlanes.size(), panel_rows, kMapPx, common_limit(ends),
+                                     "mean error / deg") +
+                   "set style fill solid noborder\nunset grid\nset autoscale fix\n";
   for (std::size_t i = 0; i < maps.size(); ++i) {
     const Map& map = maps[i];
     draft.commands += panel_place(i, kPlanes.size(), panel_rows, kMapPx);
@@ -329,6 +360,11 @@ std::optional<std::size_t> widest_scenario(const Plan& plan) {
         (!widest || rank(plan.scenarios[i]) > rank(plan.scenarios[*widest])))
       widest = i;
   return widest;
+}
+
+double common_limit(const std::vector<double>& of_solvers) {
+  if (of_solvers.empty()) return 0.0;
+  return std::min(std::ranges::max(of_solvers), 3.0 * percentile(of_solvers, 0.5));
 }
 
 std::optional<Draft> spots_draft(const RunFolder& folder, const RunRecord& record,
@@ -409,7 +445,7 @@ std::optional<Draft> spots_draft(const RunFolder& folder, const RunRecord& recor
                       std::min(image.height - 1, top + 2 * half)};
     draft.commands += fmt::format(
         "set title '{:+g}, {:+g}, {:+g} deg{}'\nset xrange [{}:{}]\nset yrange [{}:{}]\n"
-        "plot {}, 'DATA' every ::{}::{} using 6:7 with points pt 1 ps 1.1 lw 1.2 lc rgb '#E69F00', "
+        "plot {}, 'DATA' every ::{}::{} using 6:7 with points pt 1 ps 1.6 lw 0.8 lc rgb '#E69F00', "
         "'' every ::{}::{} using 6:7:(sprintf('M%d', $5)) with labels center offset 0,0.95 font "
         "'sans,13' textcolor rgb '#56B4E9'\n",
         pose->planned.yaw_deg, pose->planned.roll_deg, pose->planned.pitch_deg,

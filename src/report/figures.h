@@ -15,6 +15,13 @@ namespace turntable {
 /// Nothing without an attitude scenario.
 std::optional<std::size_t> widest_scenario(const Plan& plan);
 
+/// Where a scale ends that all solvers share: at the largest of their values, but at three times their
+/// median at most, so that a solver that misses by far does not flatten all the others.
+/// @param of_solvers one value each, not negative; @return 0 of none.
+double common_limit(const std::vector<double>& of_solvers);
+/// For a caption, if a value lies beyond such a scale.
+inline constexpr const char* kBeyondScale = " What lies beyond the scale is drawn at its end.";
+
 /// Figure 12: spots in the images, with crosses and serial numbers, of the first and the outermost
 /// poses of `widest_scenario`. Writes figure12_<scenario>.csv and figure12_<scenario>_<panel>.png into
 /// the folder of figures. Nothing if no image of such a pose is there. @throws RecordError.

@@ -96,6 +96,12 @@ TEST(AttitudeFigures, LeaveOutASolverThatFailedEverywhere) {
   expect_drawn(folder.path(), drafts);
 }
 
+TEST(AttitudeFigures, KeepTheirScaleWhereOneSolverMissesByFar) {
+  EXPECT_EQ(common_limit({}), 0.0);
+  EXPECT_EQ(common_limit({1.0, 2.0, 3.0}), 3.0);
+  EXPECT_EQ(common_limit({1.0, 2.0, 300.0}), 6.0);
+}
+
 TEST(AttitudeFigures, OfOneAxisShowItsErrorsAgainstTheAngle) {
   const TemporaryFolder folder;
   const auto [record, evaluation] = uniaxial();
