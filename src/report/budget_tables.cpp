@@ -11,8 +11,12 @@ namespace turntable {
 namespace {
 
 void add_contribution(std::vector<Cell>& row, const std::optional<Contribution>& c) {
-  for (std::size_t a = 0; a < 3; ++a) row.push_back(c ? Cell(c->axis_deg[a]) : Cell());
-  row.push_back(c ? Cell(c->total_deg()) : Cell());
+  if (!c) {
+    row.resize(row.size() + 4);
+    return;
+  }
+  for (const double axis : c->axis_deg) row.emplace_back(axis);
+  row.emplace_back(c->total_deg());
 }
 
 /// Every line of every budget.

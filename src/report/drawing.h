@@ -79,7 +79,9 @@ class PosePoints {
   Csv& row(const Solver& solver, std::size_t pose, std::size_t part = 0);
   const Csv& csv() const { return csv_; }
   /// A plot command of such points only is an error to gnuplot.
-  bool none_of(const Solver& solver) const { return !poses_.contains(&solver); }
+  bool none_of(const Solver& solver, std::size_t part = 0) const {
+    return !poses_.contains({&solver, part});
+  }
   /// Adds the solver's points to the plot. @param x, rest gnuplot's columns: an expression ("$3"), and
   /// what follows it ("4", "4:5:6") @param look behind "with points", such as `solver_look`
   /// @param part whose points are drawn; `x` must be 1/0 for those of the others
