@@ -9,6 +9,7 @@
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
+#include <thread>
 
 #include "src/core/errors.h"
 #include "src/core/json_document.h"
@@ -20,18 +21,25 @@ extern char** environ;
 namespace turntable {
 namespace {
 
-/// Runs gnuplot on a script in its folder. False if there is no gnuplot or it fails.
-bool run_gnuplot(const std::filesystem::path& script) {
-  const std::string folder = script.parent_path().string(), name = script.filename().string();
+/// Runs one gnuplot on scripts in a folder, one after the other: most of what a picture costs is
+/// starting the program. False if there is no gnuplot or a script fails, which ends it.
+bool run_gnuplot(const std::filesystem::path& at, const std::vector<std::string>& scripts) {
+  const std::string folder = at.string();
   posix_spawn_file_actions_t actions;
   posix_spawn_file_actions_init(&actions);
   posix_spawn_file_actions_addchdir_np(&actions, folder.c_str());
   posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
   posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, "/dev/null", O_WRONLY, 0);
-  std::string program = "gnuplot", argument = name;
-  char* argv[] = {program.data(), argument.data(), nullptr};
+  std::vector<std::string> arguments{"gnuplot"};
+  for (const std::string& script : scripts) {
+    if (arguments.size() > 1) arguments.insert(arguments.end(), {"-e", "reset session"});
+    arguments.push_back(script);
+  }
+  std::vector<char*> argv;
+  for (std::string& argument : arguments) argv.push_back(argument.data());
+  argv.push_back(nullptr);
   pid_t child = 0;
-  const int failed = posix_spawnp(&child, "gnuplot", &actions, nullptr, argv, environ);
+  const int failed = posix_spawnp(&child, "gnuplot", &actions, nullptr, argv.data(), environ);
   posix_spawn_file_actions_destroy(&actions);
   if (failed != 0) return false;
   int status = 0;
@@ -123,10 +131,17 @@ void PosePoints::draw(Draft& draft, const Solver& solver, std::string_view x, st
 
 std::vector<Figure> draw(const std::filesystem::path& folder, const std::vector<Draft>& drafts) {
   for (const Draft& d : drafts) write_atomically(folder / (d.figure.name + ".gp"), script_of(d));
-  std::vector<Figure> figures(drafts.size());
-  parallel_for(drafts.size(), [&](std::size_t i) {
-    figures[i] = drafts[i].figure;
-    figures[i].drawn = run_gnuplot(folder / (figures[i].name + ".gp"));
+  std::vector<Figure> figures;
+  for (const Draft& d : drafts) figures.push_back(d.figure);
+  const std::size_t heaps =
+      std::min<std::size_t>(drafts.size(), std::max(1u, std::thread::hardware_concurrency()));
+  parallel_for(heaps, [&](std::size_t heap) {
+    std::vector<std::string> scripts;
+    for (std::size_t i = heap; i < figures.size(); i += heaps)
+      scripts.push_back(figures[i].name + ".gp");
+    const bool all = run_gnuplot(folder, scripts);
+    for (std::size_t i = heap; i < figures.size(); i += heaps)
+      figures[i].drawn = all || run_gnuplot(folder, {figures[i].name + ".gp"});
   });
   return figures;
 }
