@@ -365,9 +365,16 @@ std::vector<ErrorBudget> error_budgets(const BudgetInput& input) {
   });
 
   const TargetModel target(input.rig.target.points_mm);
+  // Every pose is solved dozens of times: rows that are there to be compared with are not worth that,
+  // unless nothing else was asked for.
+  const bool has_default = std::ranges::any_of(evaluation.solvers, &Solver::by_default);
   std::vector<OneSolver> solvers;
-  for (std::size_t k = 0; k < evaluation.solvers.size(); ++k)
+  std::vector<const Solver*> rows;
+  for (std::size_t k = 0; k < evaluation.solvers.size(); ++k) {
+    if (has_default && !evaluation.solvers[k]->by_default) continue;
     solvers.emplace_back(bench, target, *evaluation.solvers[k], k);
+    rows.push_back(evaluation.solvers[k]);
+  }
 
   // What each line is of.
   const std::vector<RigParameter>& parameters = input.model.parameters();
@@ -472,7 +479,7 @@ std::vector<ErrorBudget> error_budgets(const BudgetInput& input) {
       });
       ErrorBudget budget;
       budget.scenario = scenario;
-      budget.solver = evaluation.solvers[k];
+      budget.solver = rows[k];
       const auto P = static_cast<Eigen::Index>(parameters.size());
       Eigen::Array3Xd value_squares = Eigen::Array3Xd::Zero(3, P);
       std::array<AxisErrors, kCauses> drawn, found;

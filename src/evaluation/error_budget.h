@@ -88,9 +88,10 @@ struct BudgetInput {
 
 /// Rigs that the cross-check draws, and poses of each scenario that it takes.
 constexpr int kBudgetDraws = 200;
-constexpr std::size_t kBudgetPoses = 120;
+constexpr std::size_t kBudgetPoses = 60;
 
-/// One per scenario and solver of the evaluation. Parallel; the same for any number of threads.
+/// One per scenario and solver of the evaluation that is there by default (every one, if none is).
+/// Parallel; the same for any number of threads.
 std::vector<ErrorBudget> error_budgets(const BudgetInput& input);
 
 /// The backlash that is left in the self-calibrated errors: the slope h of the least-squares line of an
