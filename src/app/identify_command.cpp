@@ -60,7 +60,7 @@ void move_path(OrderedJson& object, const char* key, const fs::path& from, const
   if (path.is_relative()) object[key] = fs::relative(from / path, to).string();
 }
 
-std::string corrected_rig(const Outputs& made, const RigParameters& found,
+std::string corrected_rig(const Results& made, const RigParameters& found,
                           const OrderedJson& origin, const fs::path& out) {
   OrderedJson json = OrderedJson::parse(made.rig.source);
   json["identified_from"] = origin;
@@ -101,7 +101,7 @@ std::string corrected_rig(const Outputs& made, const RigParameters& found,
   return text;
 }
 
-std::string corrected_target(const Outputs& made, const RigParameters& found,
+std::string corrected_target(const Results& made, const RigParameters& found,
                              const OrderedJson& origin) {
   OrderedJson json{{"format", "turntable-target/1"},
                    {"title", fmt::format("Target of {}, identified", made.rig.title)},
@@ -123,7 +123,7 @@ int identify_command(const IdentifyArguments& a) {
     options.calibration = load_calibration(folder.calibration());
   options.evaluate.solvers = {&default_solver()};
   options.evaluate.spots = SpotSource::kJournal;
-  const Outputs made = make_outputs(folder, std::move(options));
+  const Results made = make_results(folder, std::move(options));
   const TruthLevels& levels = made.levels;
   if (!levels.model)
     throw ConfigError(folder.root().string(), "",

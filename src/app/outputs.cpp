@@ -72,7 +72,7 @@ Json noise_json(const NoiseOptions& noise) {
 }
 
 /// Spots of the images with noise: found anew or, with the journal's, as they were stored.
-NoisySpots noisy_spots(const RunFolder& folder, const Outputs& made, const NoiseOptions& noise,
+NoisySpots noisy_spots(const RunFolder& folder, const Results& made, const NoiseOptions& noise,
                        SpotSource source) {
   if (source == SpotSource::kJournal)
     return read_noise_spots(folder.noise_spots(), noise, made.record.plan);
@@ -121,8 +121,8 @@ StoredRun stored_run(const RunFolder& folder, std::vector<const Solver*> solvers
   return out;
 }
 
-Outputs make_outputs(const RunFolder& folder, OutputOptions options) {
-  Outputs out;
+Results make_results(const RunFolder& folder, OutputOptions options) {
+  Results out;
   out.record = read_run(folder);
   const Plan& plan = out.record.plan;
   out.rig = parse_rig_file(plan.rig.text, plan.rig.file, folder.root());
@@ -152,7 +152,13 @@ Outputs make_outputs(const RunFolder& folder, OutputOptions options) {
   }
   out.cameras.push_back(compare_cameras(out.evaluation, out.rig, out.calibration));
   out.levels = truth_levels(out.record, out.rig, out.calibration, out.evaluation);
-  out.budgets = error_budgets(out.record, out.rig, out.calibration, out.evaluation, out.levels);
+  out.statistics = level_statistics(out.evaluation, out.levels);
+  {
+    ProgressLine line("budgeting");
+    out.budgets = error_budgets(
+        out.record, out.rig, out.calibration, out.evaluation, out.levels,
+        [&](std::size_t done, std::size_t total) { line.update(done, total, "steps"); });
+  }
   if (options.noise) {
     out.noisy_spots = noisy_spots(folder, out, *options.noise, options.evaluate.spots);
     options.evaluate.solvers = out.evaluation.solvers;
@@ -164,7 +170,7 @@ Outputs make_outputs(const RunFolder& folder, OutputOptions options) {
 }
 
 int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrite) {
-  const Outputs made = make_outputs(folder, options);
+  const Results made = make_results(folder, options);
   const Plan& plan = made.record.plan;
   EvaluationRecord how;
   if (rewrite == Rewrite::kAll) {
@@ -190,9 +196,7 @@ int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrit
   how.beside.clear();
   for (const RunFolder& other : options.beside)
     how.beside.push_back(fs::absolute(other.root()).lexically_normal().string());
-  const fs::path report =
-      write_report(folder, made.record, made.rig, made.calibration, made.set, made.evaluation,
-                   made.cameras, made.levels, made.budgets, made.noise);
+  const fs::path report = write_report(folder, made);
   write_evaluation_record(how, folder.evaluation());
 
   for (const PlaneResidual& p : made.calibration.planes)

@@ -6,12 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "src/evaluation/calibration_set.h"
-#include "src/evaluation/camera_comparison.h"
-#include "src/evaluation/cross_validation.h"
-#include "src/evaluation/error_budget.h"
-#include "src/evaluation/evaluate.h"
-#include "src/evaluation/noise_campaign.h"
+#include "src/report/results.h"
 
 namespace turntable {
 
@@ -27,19 +22,7 @@ struct OutputOptions {
 };
 
 /// What is written, before it is.
-struct Outputs {
-  RunRecord record;
-  RigFile rig;
-  Calibration calibration;
-  std::optional<CalibrationSet> set;  ///< what the calibration was made from, if by this run
-  Evaluation evaluation;
-  std::vector<CameraComparison> cameras;
-  TruthLevels levels;
-  std::vector<ErrorBudget> budgets;
-  std::optional<NoisySpots> noisy_spots;
-  std::optional<NoiseCampaign> noise;
-};
-Outputs make_outputs(const RunFolder& folder, OutputOptions options);
+Results make_results(const RunFolder& folder, OutputOptions options);
 
 /// A run that is there already, as its stored calibration and the spots of its journal tell.
 struct StoredRun {

@@ -14,9 +14,6 @@
 #include "src/record/atomic_file.h"
 #include "src/record/sha256.h"
 #include "src/record/verify.h"
-#include "src/report/budget_tables.h"
-#include "src/report/level_tables.h"
-#include "src/report/noise_report.h"
 #include "src/report/tables.h"
 
 namespace turntable {
@@ -120,17 +117,13 @@ void verify_outputs(const RunFolder& folder, RunFindings& findings) {
 
   const Scratch scratch;
   const RunFolder again = folder.with_outputs_in(scratch.path);
-  const Outputs made = make_outputs(folder, std::move(options));
+  const Results made = make_results(folder, std::move(options));
   write_atomically(again.calibration(), calibration_to_json(made.calibration));
   write_poses_csv(made.evaluation, made.record.plan, again.poses());
-  write_tables(again, made.record.plan, made.evaluation, made.calibration, made.cameras,
-               made.levels);
-  write_level_tables(again, made.record.plan, made.levels);
-  write_budget_tables(again, made.record.plan, made.budgets);
+  write_tables(again, made);
   if (made.noise) {
     write_noise_spots(*made.noisy_spots, again.noise_spots());
     write_noise_poses(*made.noise, made.record.plan, again.noise_poses());
-    write_noise_table(again, *made.noise);
   }
   if (!beside_are_there)
     for (const char* name : {"camera_solver.csv", "camera_solver.md"})

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 
 #include "src/core/parallel.h"
 #include "src/core/units.h"
@@ -78,29 +77,24 @@ CameraComparison compare_cameras(const Evaluation& evaluation, const RigFile& ri
       attitudes[i].push_back(sensor.measure(pose.points_px, pose.covariances_px2));
   });
 
-  std::map<std::pair<std::size_t, int>, std::size_t> initial;  // (scenario, repeat) -> pose
-  for (std::size_t i = 0; i < attitudes.size(); ++i)
-    if (const PlannedPose& p = evaluation.poses[i].planned; p.role == PoseRole::kReference)
-      initial[{p.scenario, p.repeat}] = i;
+  const std::vector<std::optional<std::size_t>> initial = initial_poses(evaluation);
 
   std::vector<SquaredErrors> squares(sensors.size());
   for (std::size_t i = 0; i < attitudes.size(); ++i) {
     const PlannedPose& planned = evaluation.poses[i].planned;
     if (planned.role != PoseRole::kMeasure) continue;
-    const auto at_start = initial.find({planned.scenario, planned.repeat});
-    const bool seen =
-        at_start != initial.end() && !attitudes[i].empty() && !attitudes[at_start->second].empty();
+    const bool seen = initial[i] && !attitudes[i].empty() && !attitudes[*initial[i]].empty();
     for (std::size_t s = 0; s < sensors.size(); ++s) {
       double square = Solution::kNaN;
-      if (seen && attitudes[i][s].has_attitude() && attitudes[at_start->second][s].has_attitude()) {
+      if (seen && attitudes[i][s].has_attitude() && attitudes[*initial[i]][s].has_attitude()) {
         const auto truth = [&](std::size_t k) {
           return gimbal.rotation(radians(evaluation.poses[k].read_back_deg));
         };
         const PoseError e =
             pose_error(gimbal,
                        relative_attitude(attitudes[i][s].R_plane_from_target,
-                                         attitudes[at_start->second][s].R_plane_from_target),
-                       relative_attitude(truth(i), truth(at_start->second)));
+                                         attitudes[*initial[i]][s].R_plane_from_target),
+                       relative_attitude(truth(i), truth(*initial[i])));
         square = e.pitch_deg * e.pitch_deg + e.roll_deg * e.roll_deg + e.yaw_deg * e.yaw_deg;
       }
       squares[s].push_back(square);

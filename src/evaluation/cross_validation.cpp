@@ -330,4 +330,16 @@ TruthLevels truth_levels(const RunRecord& record, const RigFile& rig,
   return out;
 }
 
+std::vector<LevelStatistics> level_statistics(const Evaluation& evaluation,
+                                              const TruthLevels& levels) {
+  std::vector<LevelStatistics> out{
+      {TruthLevel::kPublished, scenario_statistics(evaluation), paired_comparisons(evaluation)}};
+  for (const TruthLevel level : {TruthLevel::kAligned, TruthLevel::kSelfCalibrated}) {
+    if (levels.judged.poses.empty()) continue;
+    const Evaluation at = at_level(evaluation, levels.judged, level);
+    out.push_back({level, scenario_statistics(at), paired_comparisons(at)});
+  }
+  return out;
+}
+
 }  // namespace turntable

@@ -25,6 +25,7 @@
 #include <string>
 #include <vector>
 
+#include "src/evaluation/scenario_statistics.h"
 #include "src/evaluation/self_calibration.h"
 #include "src/evaluation/truth.h"
 
@@ -71,6 +72,13 @@ CrossValidation cross_validate(const Plan& plan, const RigFile& rig, const Calib
                                const Evaluation& evaluation, const RigModel& model,
                                const RigSightings& sightings, const SelfCalibration& whole);
 
+/// Statistics at one level of truth.
+struct LevelStatistics {
+  TruthLevel level{};
+  std::vector<ScenarioStatistics> scenarios;
+  std::vector<PairedComparison> pairs;
+};
+
 /// Everything that a run tells about its rig.
 struct TruthLevels {
   std::optional<RigModel> model;  ///< nothing where the run is too small: `why_not`
@@ -80,5 +88,10 @@ struct TruthLevels {
 };
 TruthLevels truth_levels(const RunRecord& record, const RigFile& rig,
                          const Calibration& calibration, const Evaluation& evaluation);
+
+/// As published over all poses; the others, if there are any, over the held-out poses that they are
+/// judged on.
+std::vector<LevelStatistics> level_statistics(const Evaluation& evaluation,
+                                              const TruthLevels& levels);
 
 }  // namespace turntable

@@ -46,7 +46,12 @@ struct Image0 {
   std::vector<Eigen::Matrix2d> px_per_mm;            ///< of a miss in the plane at the LED's height
   Eigen::MatrixXd by_value;                          ///< 2 n x values, px per unit
   Eigen::Matrix<double, Eigen::Dynamic, 4> by_axis;  ///< 2 n x kAllAxes, px per mm, per deg
-  std::vector<Eigen::Matrix2d> covariances_px2;      ///< of the spots
+  std::vector<Eigen::Matrix2d> covariances_px2;      ///< of the spots; empty if not stated
+
+  Eigen::Matrix2d covariance_px2(std::size_t led) const {
+    if (!covariances_px2.empty()) return covariances_px2[led];
+    return kAssumedSpotSigmaPx * kAssumedSpotSigmaPx * Eigen::Matrix2d::Identity();
+  }
 };
 
 /// Everything that is the same for all poses.
@@ -128,6 +133,8 @@ class OneSolver {
   OneSolver(const Bench& bench, const TargetModel& target, const Solver& solver, std::size_t place)
       : bench_(bench), sensor_(bench.in.calibration, target, solver), place_(place) {}
 
+  const Solver& solver() const { return sensor_.solver(); }
+
   std::optional<Matrix3d> attitude(std::span<const Vector2d> points_px, const Image0& image) const {
     const MeasuredAttitude m = sensor_.measure(points_px, image.covariances_px2);
     if (!m.has_attitude()) return {};
@@ -184,10 +191,7 @@ class OneSolver {
 AxisErrors spot_squares(const Eigen::Matrix3Xd& A, const Image0& image) {
   AxisErrors out = AxisErrors::Zero();
   for (std::size_t i = 0; i < image.points_px.size(); ++i) {
-    const Eigen::Matrix2d C = image.covariances_px2.empty()
-                                  ? Eigen::Matrix2d(kAssumedSpotSigmaPx * kAssumedSpotSigmaPx *
-                                                    Eigen::Matrix2d::Identity())
-                                  : image.covariances_px2[i];
+    const Eigen::Matrix2d C = image.covariance_px2(i);
     const auto block = A.middleCols<2>(2 * static_cast<Eigen::Index>(i));
     out += (block * C * block.transpose()).diagonal().array();
   }
@@ -286,15 +290,177 @@ struct DrawnRig {
   Eigen::VectorXd values;
   std::uint64_t number;
   double arrival(std::size_t axis, int arrival_number) const {
+    return draw("arrival", axis, arrival_number).normal();
+  }
+  /// Where in its pulse the axis stands, in [-0.5, 0.5).
+  double within_pulse(std::size_t axis, int arrival_number) const {
+    return draw("pulse", axis, arrival_number).uniform(-0.5, 0.5);
+  }
+
+ private:
+  Random draw(std::string_view what, std::size_t axis, int arrival_number) const {
     return Random(
-               number, "arrival",
-               static_cast<std::uint64_t>(axis) << 32 | static_cast<std::uint32_t>(arrival_number))
-        .normal();
+        number, what,
+        static_cast<std::uint64_t>(axis) << 32 | static_cast<std::uint32_t>(arrival_number));
   }
 };
 
 std::string amount(const Tolerance& tolerance, std::string_view unit) {
   return fmt::format("{:g} {} ({})", tolerance.sd, unit, tolerance.source);
+}
+
+/// "0.1 mm (default)", of every tolerance once; what is known of the noise.
+std::array<std::string, kCauses> amounts_of(const BudgetInput& in,
+                                            const std::vector<Image0>& images) {
+  std::array<std::string, kCauses> out;
+  const auto add = [](std::string& text, std::string_view separator, const std::string& one) {
+    if (text.find(one) == std::string::npos)
+      text += (text.empty() ? "" : std::string(separator)) + one;
+  };
+  for (const RigParameter& p : in.model.parameters())
+    add(out[place_of(cause_of(p.group))], "; ", amount(p.prior, p.unit));
+  out[place_of(Cause::kCamera)] = "image points of a rig as drawn, without noise";
+  std::vector<double> sigmas;
+  for (const Image0& image : images)
+    for (const Eigen::Matrix2d& C : image.covariances_px2)
+      sigmas.push_back(std::sqrt(0.5 * C.trace()));
+  out[place_of(Cause::kSpots)] =
+      sigmas.empty()
+          ? fmt::format("{:g} px (assumed)", kAssumedSpotSigmaPx)
+          : fmt::format("{:.4f} px in the median (stated by the spots)", percentile(sigmas, 0.5));
+  out[place_of(Cause::kRays)] =
+      in.calibration.irt.covariance().size() > 0
+          ? fmt::format("covariance of the calibration, {} points of {:.4f} mm",
+                        in.calibration.points, in.calibration.sigma_mm)
+          : "not stated by the calibration";
+  bool one_sided = true;
+  for (const AxisId axis : kToldAxes) {
+    const AxisConfig& a = in.rig.axis(axis);
+    add(out[place_of(Cause::kRepeatability)], ", ",
+        fmt::format("{} {:g} deg", axis_name(axis), 0.5 * a.repeatability));
+    add(out[place_of(Cause::kQuantisation)], ", ",
+        fmt::format("{} {:g} deg", axis_name(axis), a.per_step()));
+    one_sided = one_sided && a.backlash != 0.0;
+  }
+  out[place_of(Cause::kRepeatability)] += " (rig file, one standard deviation)";
+  out[place_of(Cause::kQuantisation)] += " a pulse, even over it";
+  out[place_of(Cause::kBacklash)] =
+      one_sided ? "none: every axis is approached from one side, with overshoot"
+                : "stated nowhere, and not every axis has an overshoot";
+  return out;
+}
+
+/// Image points of a drawn rig: its values, the errors of its arrivals, noise.
+std::vector<Vector2d> seen_by(const Bench& bench, const DrawnRig& rig, const Image0& image,
+                              Random& noise) {
+  TablePosition at = image.at;
+  for (std::size_t a = 0; a < kAllAxes.size(); ++a) {
+    const double e = bench.in.model.arrival_sd()[a] * rig.arrival(a, image.arrivals[a]) +
+                     bench.pulse[a] * rig.within_pulse(a, image.arrivals[a]);
+    if (kAllAxes[a] == AxisId::kStage)
+      at.stage_mm += e;
+    else
+      at.angles[kAllAxes[a]] += rad_from_deg(e);
+  }
+  std::vector<Vector2d> points = image.points_px;
+  move_to(bench.in.calibration.irt, bench.in.model.leds(rig.values, at), image.px_per_mm, points);
+  for (std::size_t i = 0; i < points.size(); ++i)
+    points[i] += image.covariance_px2(i).llt().matrixL() * Vector2d(noise.normal(), noise.normal());
+  return points;
+}
+
+/// Total RMSE of one drawn rig by every solver, all on the same images; NaN of one that measured none.
+/// Takes every `stride`-th pose.
+Eigen::ArrayXd total_of_drawn_rig(const Bench& bench, const std::vector<OneSolver>& solvers,
+                                  const std::vector<Image0>& images,
+                                  const std::vector<Member>& members, std::size_t stride,
+                                  std::uint64_t draw) {
+  Random random(1, "drawn rig", draw);
+  DrawnRig rig{bench.drawing, 1 + draw};
+  for (Eigen::Index j = 0; j < rig.values.size(); ++j)
+    rig.values(j) += bench.prior_sd(j) * random.normal();
+  std::map<std::size_t, std::vector<Vector2d>> initial_px;
+  Eigen::ArrayXd squares = Eigen::ArrayXd::Zero(static_cast<Eigen::Index>(solvers.size()));
+  Eigen::ArrayXd counts = squares;
+  for (std::size_t m = 0; m < members.size(); m += stride) {
+    const Image0 &image = images[members[m].pose], &initial = images[members[m].initial];
+    std::vector<Vector2d>& at_start = initial_px[members[m].initial];
+    if (at_start.empty()) at_start = seen_by(bench, rig, initial, random);
+    const std::vector<Vector2d> points = seen_by(bench, rig, image, random);
+    for (std::size_t k = 0; k < solvers.size(); ++k) {
+      const auto R = solvers[k].attitude(points, image);
+      const auto R_initial = solvers[k].attitude(at_start, initial);
+      if (!R || !R_initial) continue;
+      const auto s = static_cast<Eigen::Index>(k);
+      squares(s) += solvers[k].error(*R, *R_initial, image, initial).square().sum();
+      counts(s) += 1.0;
+    }
+  }
+  return (squares / counts).sqrt();
+}
+
+/// The lines of one solver from what its poses add to them.
+ErrorBudget sum_of(const std::vector<PoseShare>& shares, const Bench& bench,
+                   const std::array<std::string, kCauses>& amounts,
+                   const std::array<double, 3>& backlash_deg) {
+  const std::vector<RigParameter>& parameters = bench.in.model.parameters();
+  const auto P = static_cast<Eigen::Index>(parameters.size());
+  const auto line_of = [&](Eigen::Index j) {
+    return place_of(cause_of(parameters[static_cast<std::size_t>(j)].group));
+  };
+  ErrorBudget budget;
+  Eigen::Array3Xd value_squares = Eigen::Array3Xd::Zero(3, P);
+  std::array<AxisErrors, kCauses> drawn, found;
+  drawn.fill(AxisErrors::Zero());
+  found.fill(AxisErrors::Zero());
+  AxisErrors found_all = AxisErrors::Zero(), observed = AxisErrors::Zero();
+  for (const PoseShare& s : shares) {
+    budget.left_out += s.measured && !s.counts;
+    if (!s.counts) continue;
+    ++budget.poses;
+    observed += s.observed.square();
+    value_squares += s.by_value.square();
+    drawn[place_of(Cause::kCamera)] += s.camera.square();
+    drawn[place_of(Cause::kSpots)] += s.spots;
+    drawn[place_of(Cause::kRays)] += s.rays;
+    drawn[place_of(Cause::kRepeatability)] += s.repeatability;
+    drawn[place_of(Cause::kQuantisation)] += s.quantisation;
+    if (!bench.in.values) continue;
+    found_all += s.found.square();
+    std::array<AxisErrors, kCauses> effects;
+    effects.fill(AxisErrors::Zero());
+    for (Eigen::Index j = 0; j < P; ++j)
+      effects[line_of(j)] += ((*bench.in.values)(j)-bench.drawing(j)) * s.by_value.col(j);
+    for (std::size_t c = 0; c < kCauses; ++c) found[c] += effects[c].square();
+  }
+  if (budget.poses == 0) return budget;
+  const double n = static_cast<double>(budget.poses);
+  for (Eigen::Index j = 0; j < P; ++j)
+    drawn[line_of(j)] += value_squares.col(j) * std::pow(bench.prior_sd(j), 2);
+  constexpr std::array kNoise{Cause::kSpots, Cause::kRays, Cause::kRepeatability,
+                              Cause::kQuantisation};
+  found[place_of(Cause::kCamera)] = drawn[place_of(Cause::kCamera)];
+  for (const Cause noise : kNoise) found[place_of(noise)] = drawn[place_of(noise)];
+  for (std::size_t a = 0; a < 3; ++a)
+    found[place_of(Cause::kBacklash)](static_cast<Eigen::Index>(a)) =
+        n * std::pow(backlash_deg[a], 2);
+
+  AxisErrors sum_drawn = AxisErrors::Zero();
+  for (std::size_t c = 0; c < kCauses; ++c) {
+    BudgetLine line{static_cast<Cause>(c), amounts[c], contribution(drawn[c] / n), {}};
+    if (bench.in.values) line.found = contribution(found[c] / n);
+    sum_drawn += drawn[c] / n;
+    budget.lines.push_back(std::move(line));
+  }
+  budget.drawn = contribution(sum_drawn);
+  budget.observed = contribution(observed / n);
+  if (bench.in.values) {
+    // The camera's line is in what all values make together.
+    AxisErrors all = found_all + found[place_of(Cause::kBacklash)];
+    for (const Cause noise : kNoise) all += found[place_of(noise)];
+    budget.found = contribution(all / n);
+  }
+  return budget;
 }
 
 }  // namespace
@@ -333,25 +499,19 @@ double Contribution::total_deg() const { return total_rmse(axis_deg[0], axis_deg
 
 std::vector<ErrorBudget> error_budgets(const BudgetInput& input) {
   const Evaluation& evaluation = input.evaluation;
-  const std::vector<ArrivalNumbers> arrivals = arrival_numbers(input.record);
-
-  // Poses with image points, by scenario, and their initial ones.
-  std::map<std::pair<std::size_t, int>, std::size_t> initial;
-  for (std::size_t i = 0; i < evaluation.poses.size(); ++i)
-    if (const EvaluatedPose& p = evaluation.poses[i];
-        p.planned.role == PoseRole::kReference && !p.points_px.empty())
-      initial[{p.planned.scenario, p.planned.repeat}] = i;
+  const std::vector<std::optional<std::size_t>> initial = initial_poses(evaluation);
   std::map<std::size_t, std::vector<Member>> scenarios;
   for (std::size_t i = 0; i < evaluation.poses.size(); ++i) {
     const EvaluatedPose& p = evaluation.poses[i];
-    const auto at = initial.find({p.planned.scenario, p.planned.repeat});
-    if (p.planned.role == PoseRole::kMeasure && !p.points_px.empty() && at != initial.end())
-      scenarios[p.planned.scenario].push_back({i, at->second});
+    if (p.planned.role == PoseRole::kMeasure && !p.points_px.empty() && initial[i] &&
+        !evaluation.poses[*initial[i]].points_px.empty())
+      scenarios[p.planned.scenario].push_back({i, *initial[i]});
   }
 
   Bench bench{input, Gimbal(input.rig.gimbal), input.model.drawing(), input.model.prior_sd(), {}};
   for (std::size_t a = 0; a < kAllAxes.size(); ++a)
     bench.pulse[a] = input.rig.axis(kAllAxes[a]).per_step();
+  const std::vector<ArrivalNumbers> arrivals = arrival_numbers(input.record);
   std::vector<Image0> images(evaluation.poses.size());
   std::vector<std::vector<Vector2d>> found_px(evaluation.poses.size());
   parallel_for(images.size(), [&](std::size_t i) {
@@ -363,110 +523,29 @@ std::vector<ErrorBudget> error_budgets(const BudgetInput& input) {
     move_to(input.calibration.irt, input.model.leds(*input.values, images[i].at),
             images[i].px_per_mm, found_px[i]);
   });
+  const std::array<std::string, kCauses> amounts = amounts_of(input, images);
 
-  const TargetModel target(input.rig.target.points_mm);
   // Every pose is solved dozens of times: rows that are there to be compared with are not worth that,
   // unless nothing else was asked for.
+  const TargetModel target(input.rig.target.points_mm);
   const bool has_default = std::ranges::any_of(evaluation.solvers, &Solver::by_default);
   std::vector<OneSolver> solvers;
-  std::vector<const Solver*> rows;
-  for (std::size_t k = 0; k < evaluation.solvers.size(); ++k) {
-    if (has_default && !evaluation.solvers[k]->by_default) continue;
-    solvers.emplace_back(bench, target, *evaluation.solvers[k], k);
-    rows.push_back(evaluation.solvers[k]);
-  }
-
-  // What each line is of.
-  const std::vector<RigParameter>& parameters = input.model.parameters();
-  std::array<std::string, kCauses> amounts;
-  for (const RigParameter& p : parameters) {
-    std::string& text = amounts[place_of(cause_of(p.group))];
-    const std::string one = amount(p.prior, p.unit);
-    if (text.find(one) == std::string::npos) text += (text.empty() ? "" : "; ") + one;
-  }
-  amounts[place_of(Cause::kCamera)] = "image points of a rig as drawn, without noise";
-  std::vector<double> sigmas;
-  for (const Image0& image : images)
-    for (const Eigen::Matrix2d& C : image.covariances_px2)
-      sigmas.push_back(std::sqrt(0.5 * C.trace()));
-  amounts[place_of(Cause::kSpots)] =
-      sigmas.empty()
-          ? fmt::format("{:g} px (assumed)", kAssumedSpotSigmaPx)
-          : fmt::format("{:.4f} px in the median (stated by the spots)", percentile(sigmas, 0.5));
-  amounts[place_of(Cause::kRays)] =
-      input.calibration.irt.covariance().size() > 0
-          ? fmt::format("covariance of the calibration, {} points of {:.4f} mm",
-                        input.calibration.points, input.calibration.sigma_mm)
-          : "not stated by the calibration";
-  std::string overshoot;
-  bool one_sided = true;
-  for (const AxisId axis : kToldAxes) {
-    const AxisConfig& a = input.rig.axis(axis);
-    std::string& repeat = amounts[place_of(Cause::kRepeatability)];
-    repeat += fmt::format("{}{} {:g} deg", repeat.empty() ? "" : ", ", axis_name(axis),
-                          0.5 * a.repeatability);
-    std::string& pulse = amounts[place_of(Cause::kQuantisation)];
-    pulse += fmt::format("{}{} {:g} deg", pulse.empty() ? "" : ", ", axis_name(axis), a.per_step());
-    one_sided = one_sided && a.backlash != 0.0;
-  }
-  amounts[place_of(Cause::kRepeatability)] += " (rig file, one standard deviation)";
-  amounts[place_of(Cause::kQuantisation)] += " a pulse, even over it";
-  amounts[place_of(Cause::kBacklash)] =
-      one_sided ? "none: every axis is approached from one side, with overshoot"
-                : "stated nowhere, and not every axis has an overshoot";
+  for (std::size_t k = 0; k < evaluation.solvers.size(); ++k)
+    if (!has_default || evaluation.solvers[k]->by_default)
+      solvers.emplace_back(bench, target, *evaluation.solvers[k], k);
 
   std::vector<ErrorBudget> out;
+  std::size_t done = 0;
+  const auto tell = [&] {
+    if (input.progress) input.progress(++done, scenarios.size() * (1 + solvers.size()));
+  };
   for (const auto& [scenario, members] : scenarios) {
-    // One rig after the other, all solvers on the same images.
     const std::size_t stride = (members.size() + kBudgetPoses - 1) / kBudgetPoses;
-    std::vector<Eigen::VectorXd> totals(kBudgetDraws);  // by solver; NaN if it measured nothing
+    std::vector<Eigen::ArrayXd> totals(kBudgetDraws);
     parallel_for(kBudgetDraws, [&](std::size_t draw) {
-      Random random(1, "drawn rig", draw);
-      DrawnRig rig{bench.drawing, 1 + draw};
-      for (Eigen::Index j = 0; j < rig.values.size(); ++j)
-        rig.values(j) += bench.prior_sd(j) * random.normal();
-      const auto seen = [&](std::size_t place) {
-        const Image0& image = images[place];
-        TablePosition at = image.at;
-        for (std::size_t a = 0; a < kAllAxes.size(); ++a) {
-          const double e = input.model.arrival_sd()[a] * rig.arrival(a, image.arrivals[a]) +
-                           bench.pulse[a] * random.uniform(-0.5, 0.5);
-          if (kAllAxes[a] == AxisId::kStage)
-            at.stage_mm += e;
-          else
-            at.angles[kAllAxes[a]] += rad_from_deg(e);
-        }
-        std::vector<Vector2d> points = image.points_px;
-        move_to(input.calibration.irt, input.model.leds(rig.values, at), image.px_per_mm, points);
-        for (std::size_t i = 0; i < points.size(); ++i) {
-          const Eigen::Matrix2d C =
-              image.covariances_px2.empty()
-                  ? Eigen::Matrix2d(std::pow(kAssumedSpotSigmaPx, 2) * Eigen::Matrix2d::Identity())
-                  : image.covariances_px2[i];
-          points[i] += C.llt().matrixL() * Vector2d(random.normal(), random.normal());
-        }
-        return points;
-      };
-      std::map<std::size_t, std::vector<Vector2d>> initial_px;
-      Eigen::ArrayXd squares = Eigen::ArrayXd::Zero(static_cast<Eigen::Index>(solvers.size()));
-      Eigen::ArrayXd counts = squares;
-      for (std::size_t m = 0; m < members.size(); m += stride) {
-        const Member& member = members[m];
-        if (!initial_px.contains(member.initial)) initial_px[member.initial] = seen(member.initial);
-        const std::vector<Vector2d> points = seen(member.pose);
-        for (std::size_t k = 0; k < solvers.size(); ++k) {
-          const auto R = solvers[k].attitude(points, images[member.pose]);
-          const auto R0 = solvers[k].attitude(initial_px[member.initial], images[member.initial]);
-          if (!R || !R0) continue;
-          const auto s = static_cast<Eigen::Index>(k);
-          squares(s) +=
-              solvers[k].error(*R, *R0, images[member.pose], images[member.initial]).square().sum();
-          counts(s) += 1.0;
-        }
-      }
-      totals[draw] = (squares / counts).sqrt();
+      totals[draw] = total_of_drawn_rig(bench, solvers, images, members, stride, draw);
     });
-
+    tell();
     const auto direction = input.backlash_deg.find(scenario);
     const std::array<double, 3> backlash =
         direction == input.backlash_deg.end() ? std::array<double, 3>{} : direction->second;
@@ -477,65 +556,13 @@ std::vector<ErrorBudget> error_budgets(const BudgetInput& input) {
         shares[m] = solvers[k].share(evaluation.poses[pose], images[pose], images[at_start],
                                      found_px[pose], found_px[at_start]);
       });
-      ErrorBudget budget;
-      budget.scenario = scenario;
-      budget.solver = rows[k];
-      const auto P = static_cast<Eigen::Index>(parameters.size());
-      Eigen::Array3Xd value_squares = Eigen::Array3Xd::Zero(3, P);
-      std::array<AxisErrors, kCauses> drawn, found;
-      drawn.fill(AxisErrors::Zero());
-      found.fill(AxisErrors::Zero());
-      AxisErrors found_all = AxisErrors::Zero(), observed = AxisErrors::Zero();
-      for (const PoseShare& s : shares) {
-        budget.left_out += s.measured && !s.counts;
-        if (!s.counts) continue;
-        ++budget.poses;
-        observed += s.observed.square();
-        value_squares += s.by_value.square();
-        drawn[place_of(Cause::kCamera)] += s.camera.square();
-        drawn[place_of(Cause::kSpots)] += s.spots;
-        drawn[place_of(Cause::kRays)] += s.rays;
-        drawn[place_of(Cause::kRepeatability)] += s.repeatability;
-        drawn[place_of(Cause::kQuantisation)] += s.quantisation;
-        if (!input.values) continue;
-        found_all += s.found.square();
-        std::array<AxisErrors, kCauses> effects;
-        effects.fill(AxisErrors::Zero());
-        for (Eigen::Index j = 0; j < P; ++j)
-          effects[place_of(cause_of(parameters[static_cast<std::size_t>(j)].group))] +=
-              ((*input.values)(j)-bench.drawing(j)) * s.by_value.col(j);
-        for (std::size_t c = 0; c < kCauses; ++c) found[c] += effects[c].square();
-      }
+      tell();
+      ErrorBudget budget = sum_of(shares, bench, amounts, backlash);
       if (budget.poses == 0) continue;
-      const double n = static_cast<double>(budget.poses);
-      for (Eigen::Index j = 0; j < P; ++j)
-        drawn[place_of(cause_of(parameters[static_cast<std::size_t>(j)].group))] +=
-            value_squares.col(j) * std::pow(bench.prior_sd(j), 2);
-      for (const Cause noise : {Cause::kCamera, Cause::kSpots, Cause::kRays, Cause::kRepeatability,
-                                Cause::kQuantisation})
-        found[place_of(noise)] = drawn[place_of(noise)];
-      for (std::size_t a = 0; a < 3; ++a)
-        found[place_of(Cause::kBacklash)](static_cast<Eigen::Index>(a)) =
-            n * std::pow(backlash[a], 2);
-      AxisErrors sum_drawn = AxisErrors::Zero();
-      for (std::size_t c = 0; c < kCauses; ++c) {
-        BudgetLine line{static_cast<Cause>(c), amounts[c], contribution(drawn[c] / n), {}};
-        if (input.values) line.found = contribution(found[c] / n);
-        sum_drawn += drawn[c] / n;
-        budget.lines.push_back(std::move(line));
-      }
-      budget.drawn = contribution(sum_drawn);
-      budget.observed = contribution(observed / n);
-      if (input.values) {
-        // The camera's line is in what all values make together.
-        AxisErrors all = found_all;
-        for (const Cause noise : {Cause::kSpots, Cause::kRays, Cause::kRepeatability,
-                                  Cause::kQuantisation, Cause::kBacklash})
-          all += found[place_of(noise)];
-        budget.found = contribution(all / n);
-      }
+      budget.scenario = scenario;
+      budget.solver = &solvers[k].solver();
       std::vector<double> of_rigs;
-      for (const Eigen::VectorXd& total : totals)
+      for (const Eigen::ArrayXd& total : totals)
         if (const double t = total(static_cast<Eigen::Index>(k)); std::isfinite(t))
           of_rigs.push_back(t);
       budget.monte_carlo_deg = {root_mean_square(of_rigs),
@@ -552,10 +579,7 @@ std::map<std::size_t, std::array<double, 3>> backlash_found(const Evaluation& ev
   std::map<std::size_t, std::array<double, 3>> out;
   if (errors.empty()) return out;
   const std::vector<std::array<int, 3>> directions = approach_directions(evaluation);
-  std::map<std::pair<std::size_t, int>, std::size_t> initial;
-  for (std::size_t i = 0; i < evaluation.poses.size(); ++i)
-    if (const PlannedPose& p = evaluation.poses[i].planned; p.role == PoseRole::kReference)
-      initial[{p.scenario, p.repeat}] = i;
+  const std::vector<std::optional<std::size_t>> initial = initial_poses(evaluation);
   struct Sums {
     double n = 0, d = 0, dd = 0, e = 0, de = 0, ee = 0;
   };
@@ -565,7 +589,7 @@ std::map<std::size_t, std::array<double, 3>> backlash_found(const Evaluation& ev
     if (!error) continue;
     const std::size_t at = judged.poses[j];
     const PlannedPose& p = evaluation.poses[at].planned;
-    const std::size_t at_start = initial.at({p.scenario, p.repeat});
+    const std::size_t at_start = *initial[at];
     const std::array<double, 3> e{error->pitch_deg, error->roll_deg, error->yaw_deg};
     for (std::size_t a = 0; a < 3; ++a) {
       Sums& s = sums[p.scenario][a];
@@ -594,12 +618,13 @@ std::map<std::size_t, std::array<double, 3>> backlash_found(const Evaluation& ev
 
 std::vector<ErrorBudget> error_budgets(const RunRecord& record, const RigFile& rig,
                                        const Calibration& calibration, const Evaluation& evaluation,
-                                       const TruthLevels& levels) {
+                                       const TruthLevels& levels, const BudgetProgress& progress) {
   if (!levels.model) {
     const RigModel model(rig, made_on_stage(calibration, record.plan));
-    return error_budgets({record, rig, calibration, evaluation, model, {}, {}});
+    return error_budgets({record, rig, calibration, evaluation, model, {}, {}, progress});
   }
-  BudgetInput input{record, rig, calibration, evaluation, *levels.model, levels.found.values, {}};
+  BudgetInput input{record, rig,     calibration, evaluation, *levels.model, levels.found.values,
+                    {},     progress};
   if (!levels.judged.poses.empty()) input.backlash_deg = backlash_found(evaluation, levels.judged);
   return error_budgets(input);
 }

@@ -17,6 +17,7 @@
 #pragma once
 
 #include <array>
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
@@ -73,6 +74,9 @@ struct ErrorBudget {
   Contribution observed;              ///< the table's, over the same poses
 };
 
+/// Steps done and their number.
+using BudgetProgress = std::function<void(std::size_t done, std::size_t total)>;
+
 struct BudgetInput {
   const RunRecord& record;
   const RigFile& rig;
@@ -84,6 +88,7 @@ struct BudgetInput {
   /// Root mean square of what the direction of approach does, by scenario and `kToldAxes`, deg
   /// (`backlash_found`).
   std::map<std::size_t, std::array<double, 3>> backlash_deg;
+  BudgetProgress progress;
 };
 
 /// Rigs that the cross-check draws, and poses of each scenario that it takes.
@@ -104,6 +109,7 @@ std::map<std::size_t, std::array<double, 3>> backlash_found(const Evaluation& ev
 /// The same with what the levels of truth found, if they found anything.
 std::vector<ErrorBudget> error_budgets(const RunRecord& record, const RigFile& rig,
                                        const Calibration& calibration, const Evaluation& evaluation,
-                                       const TruthLevels& levels);
+                                       const TruthLevels& levels,
+                                       const BudgetProgress& progress = {});
 
 }  // namespace turntable

@@ -231,14 +231,9 @@ Evaluation evaluate(const RunRecord& record, const RunFolder& folder, const RigF
     if (options.progress) options.progress(++done, taken.size());
   });
 
-  std::map<std::pair<std::size_t, int>, std::size_t> reference;  // (scenario, repeat) -> pose
-  for (std::size_t i = 0; i < evaluation.poses.size(); ++i)
-    if (evaluation.poses[i].planned.role == PoseRole::kReference)
-      reference[{evaluation.poses[i].planned.scenario, evaluation.poses[i].planned.repeat}] = i;
-
+  const std::vector<std::optional<std::size_t>> initial = initial_poses(evaluation);
   for (std::size_t i = 0; i < evaluation.poses.size(); ++i) {
     EvaluatedPose& pose = evaluation.poses[i];
-    const auto initial = reference.find({pose.planned.scenario, pose.planned.repeat});
     for (std::size_t k = 0; k < evaluation.solvers.size(); ++k) {
       const MeasuredAttitude& attitude = attitudes[i][k];
       PoseResult result;
@@ -247,12 +242,11 @@ Evaluation evaluate(const RunRecord& record, const RunFolder& folder, const RigF
       result.iterations = attitude.iterations;
       result.residual = attitude.residual;
       if (attitude.has_attitude()) {
-        const bool referenced =
-            initial != reference.end() && attitudes[initial->second][k].has_attitude();
+        const bool referenced = initial[i].has_value() && attitudes[*initial[i]][k].has_attitude();
         if (referenced) {
-          const TakenPose& at_start = *taken[initial->second];
+          const TakenPose& at_start = *taken[*initial[i]];
           const Matrix3d R_measured = relative_attitude(
-              attitude.R_plane_from_target, attitudes[initial->second][k].R_plane_from_target);
+              attitude.R_plane_from_target, attitudes[*initial[i]][k].R_plane_from_target);
           const Matrix3d R_true = relative_attitude(setting.gimbal.rotation(taken[i]->angles()),
                                                     setting.gimbal.rotation(at_start.angles()));
           result.measured = true;
@@ -266,6 +260,19 @@ Evaluation evaluate(const RunRecord& record, const RunFolder& folder, const RigF
     }
   }
   return evaluation;
+}
+
+std::vector<std::optional<std::size_t>> initial_poses(const Evaluation& evaluation) {
+  std::map<std::pair<std::size_t, int>, std::size_t> reference;  // (scenario, repeat) -> place
+  for (std::size_t i = 0; i < evaluation.poses.size(); ++i)
+    if (const PlannedPose& p = evaluation.poses[i].planned; p.role == PoseRole::kReference)
+      reference[{p.scenario, p.repeat}] = i;
+  std::vector<std::optional<std::size_t>> out;
+  for (const EvaluatedPose& pose : evaluation.poses) {
+    const auto found = reference.find({pose.planned.scenario, pose.planned.repeat});
+    out.push_back(found == reference.end() ? std::nullopt : std::optional(found->second));
+  }
+  return out;
 }
 
 std::vector<RepeatStatistics> repeat_statistics(const Evaluation& evaluation) {

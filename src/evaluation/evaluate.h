@@ -73,6 +73,10 @@ Image load_calibrated_image(const RunFolder& folder, const TakenImage& taken,
 Evaluation evaluate(const RunRecord& record, const RunFolder& folder, const RigFile& rig,
                     const Calibration& calibration, const EvaluateOptions& options = {});
 
+/// Where in `poses` the initial pose is that each pose's attitudes are relative to: the reference pose
+/// of its scenario and repeat. Nothing if the plan has none.
+std::vector<std::optional<std::size_t>> initial_poses(const Evaluation& evaluation);
+
 /// Statistics of one scenario, repeat and solver. The initial pose is not counted: its error is
 /// zero by definition.
 struct RepeatStatistics {

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 
-#include "src/record/atomic_file.h"
 #include "src/record/csv.h"
 
 namespace turntable {
@@ -136,16 +135,13 @@ std::vector<WrittenTable> write_budget_tables(const RunFolder& folder, const Pla
   if (budgets.empty()) return {};
   std::filesystem::create_directories(folder.tables());
   const Table shown = shown_table(plan, of_scenario(budgets, shown_scenario(plan, budgets)));
-  const std::string markdown = table_markdown(shown);
-  write_atomically(folder.tables() / "budget.csv", table_csv(long_table(plan, budgets)));
-  write_atomically(folder.tables() / "budget.md", fmt::format("# {}\n\n{}", shown.title, markdown));
-  write_atomically(folder.tables() / "budget.tex", table_latex(shown));
-  return {{shown.name, shown.title, markdown}};
+  return {write_table(long_table(plan, budgets), shown, folder.tables())};
 }
 
 std::string budget_text(const std::vector<WrittenTable>& written, const Plan& plan,
                         const std::vector<ErrorBudget>& budgets) {
-  if (written.empty() || budgets.empty()) return {};
+  const WrittenTable* table = find_table(written, "budget");
+  if (table == nullptr) return {};
   const std::vector<const ErrorBudget*> shown = of_scenario(budgets, shown_scenario(plan, budgets));
   std::string md =
       "## Error budget\n\n"
@@ -163,8 +159,7 @@ std::string budget_text(const std::vector<WrittenTable>& written, const Plan& pl
         "here explains.\n\n";
   else
     md += "What this rig turned out to be is not known: self-calibration was not possible.\n\n";
-  for (const WrittenTable& table : written)
-    md += fmt::format("### {}\n\n{}\n", table.title, table.markdown);
+  md += fmt::format("### {}\n\n{}\n", table->title, table->markdown);
   for (const ErrorBudget* b : shown)
     if (b->found)
       md += fmt::format(

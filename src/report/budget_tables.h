@@ -15,7 +15,7 @@ namespace turntable {
 std::vector<WrittenTable> write_budget_tables(const RunFolder& folder, const Plan& plan,
                                               const std::vector<ErrorBudget>& budgets);
 
-/// The section "Error budget" of report.md. @param written by `write_budget_tables`.
+/// The section "Error budget" of report.md. @param written tables of the run, this among them
 std::string budget_text(const std::vector<WrittenTable>& written, const Plan& plan,
                         const std::vector<ErrorBudget>& budgets);
 

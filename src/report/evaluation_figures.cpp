@@ -356,8 +356,8 @@ std::vector<Draft> bound_drafts(const std::filesystem::path& folder, const Plan&
 }
 
 std::vector<Draft> repeatability_drafts(const std::filesystem::path& folder, const Plan& plan,
-                                        const Evaluation& evaluation) {
-  const std::vector<ScenarioStatistics> statistics = scenario_statistics(evaluation);
+                                        const Evaluation& evaluation,
+                                        const std::vector<ScenarioStatistics>& statistics) {
   const auto returned = [](const ScenarioStatistics& s) {
     return std::ranges::any_of(
         s.axes, [](const AxisDetail& a) { return std::isfinite(a.repeatability_deg); });

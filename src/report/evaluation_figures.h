@@ -32,8 +32,10 @@ std::vector<Draft> bound_drafts(const std::filesystem::path& folder, const Plan&
                                 const TruthLevels& levels);
 
 /// error_repeatability: repeatability of every axis, solver and scenario that came back to some angles.
+/// @param statistics of `evaluation`
 std::vector<Draft> repeatability_drafts(const std::filesystem::path& folder, const Plan& plan,
-                                        const Evaluation& evaluation);
+                                        const Evaluation& evaluation,
+                                        const std::vector<ScenarioStatistics>& statistics);
 
 /// error_drift: errors of the "return" poses, which are at zero angles again, and block means of all
 /// the others, in the order of time. @param levels gives the residual errors, self-calibrated and

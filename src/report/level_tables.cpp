@@ -10,8 +10,6 @@
 namespace turntable {
 namespace {
 
-constexpr int kLevelDecimals = 4;  // deg
-
 /// Digits that a rig file would have.
 int decimals_of(const RigParameter& parameter) { return parameter.unit == "1" ? 7 : 4; }
 
@@ -19,98 +17,128 @@ const LevelBound& bound_of(const CrossValidation& judged, const LevelRow& row) {
   return *std::ranges::find(judged.bounds, row.scenario, &LevelBound::scenario);
 }
 
-WrittenTable write_levels(const RunFolder& folder, const Plan& plan,
-                          const CrossValidation& judged) {
-  Csv csv({"scenario", "solver", "level", "poses", "failed", "left_out", "rmse_pitch_deg",
-           "rmse_roll_deg", "rmse_yaw_deg", "rmse_total_deg", "bound_pitch_deg", "bound_roll_deg",
-           "bound_yaw_deg", "bound_total_deg", "bound_with_repeatability_deg"});
-  std::string md =
-      "| scenario | solver | poses | failed | as published | aligned | self-calibrated | bound | "
-      "bound "
-      "with repeatability |\n|---|---|--:|--:|--:|--:|--:|--:|--:|\n";
+/// A row for each level.
+Table levels_long(const Plan& plan, const CrossValidation& judged) {
+  Table table{"levels",
+              "",
+              {{"scenario", ""},
+               {"solver", ""},
+               {"level", ""},
+               {"poses", ""},
+               {"failed", ""},
+               {"left_out", ""},
+               {"rmse_pitch_deg", ""},
+               {"rmse_roll_deg", ""},
+               {"rmse_yaw_deg", ""},
+               {"rmse_total_deg", ""},
+               {"bound_pitch_deg", ""},
+               {"bound_roll_deg", ""},
+               {"bound_yaw_deg", ""},
+               {"bound_total_deg", ""},
+               {"bound_with_repeatability_deg", ""}},
+              {}};
   for (const LevelRow& row : judged.rows) {
     const LevelBound& bound = bound_of(judged, row);
     const ErrorStatistics& s = row.statistics;
-    const std::string& scenario = plan.scenarios[row.scenario].name;
-    csv.text(scenario).text(row.solver->name).text(truth_level_name(row.level));
-    csv.integer(static_cast<std::int64_t>(s.poses)).integer(static_cast<std::int64_t>(s.failed));
-    csv.integer(static_cast<std::int64_t>(bound.left_out));
-    for (const double value :
-         {s.pitch.rmse_deg, s.roll.rmse_deg, s.yaw.rmse_deg, s.rmse_total_deg, bound.pitch_deg,
-          bound.roll_deg, bound.yaw_deg, bound.total_deg, bound.total_with_repeatability_deg})
-      csv.number(value, kLevelDecimals);
-    // The levels of one solver stand side by side, in their order.
-    if (row.level == TruthLevel::kPublished)
-      md += fmt::format("| {} | {} | {} | {} |", scenario, row.solver->name, s.poses, s.failed);
-    md += fmt::format(" {} |", fixed(s.rmse_total_deg, kLevelDecimals));
-    if (row.level == TruthLevel::kSelfCalibrated)
-      md += fmt::format(" {} | {} |\n", fixed(bound.total_deg, kLevelDecimals),
-                        fixed(bound.total_with_repeatability_deg, kLevelDecimals));
-    csv.end_row();
+    table.rows.push_back(
+        {plan.scenarios[row.scenario].name, std::string(row.solver->name),
+         std::string(truth_level_name(row.level)), static_cast<std::int64_t>(s.poses),
+         static_cast<std::int64_t>(s.failed), static_cast<std::int64_t>(bound.left_out),
+         s.pitch.rmse_deg, s.roll.rmse_deg, s.yaw.rmse_deg, s.rmse_total_deg, bound.pitch_deg,
+         bound.roll_deg, bound.yaw_deg, bound.total_deg, bound.total_with_repeatability_deg});
   }
-  const std::string title = "Three levels of truth: total RMSE on held-out poses, deg";
-  csv.write(folder.tables() / "levels.csv");
-  write_atomically(folder.tables() / "levels.md", fmt::format("# {}\n\n{}", title, md));
-  return {"levels", title, md};
+  return table;
 }
 
-WrittenTable write_identified(const RunFolder& folder, const RigModel& model,
-                              const SelfCalibration& found) {
-  Csv csv({"parameter", "unit", "drawing", "estimate", "uncertainty", "prior_uncertainty",
-           "prior_source", "verdict"});
-  std::vector<std::string> header{"parameter"};
-  for (const RigParameter& p : model.parameters()) header.push_back(p.name);
-  Csv correlation(header);
+/// The levels of one solver side by side, in their order: totals.
+Table levels_shown(const Plan& plan, const CrossValidation& judged) {
+  Table table{"levels",
+              "Three levels of truth: total RMSE on held-out poses, deg",
+              {{"scenario", "scenario"},
+               {"solver", "solver"},
+               {"poses", "poses"},
+               {"failed", "failed"},
+               {"published_deg", "as published"},
+               {"aligned_deg", "aligned"},
+               {"self_calibrated_deg", "self-calibrated"},
+               {"bound_deg", "bound"},
+               {"bound_with_repeatability_deg", "bound with repeatability"}},
+              {}};
+  for (const LevelRow& row : judged.rows) {
+    const ErrorStatistics& s = row.statistics;
+    if (row.level == TruthLevel::kPublished)
+      table.rows.push_back({plan.scenarios[row.scenario].name, std::string(row.solver->name),
+                            static_cast<std::int64_t>(s.poses),
+                            static_cast<std::int64_t>(s.failed)});
+    table.rows.back().emplace_back(s.rmse_total_deg);
+    if (row.level != TruthLevel::kSelfCalibrated) continue;
+    const LevelBound& bound = bound_of(judged, row);
+    table.rows.back().emplace_back(bound.total_deg);
+    table.rows.back().emplace_back(bound.total_with_repeatability_deg);
+  }
+  return table;
+}
+
+Table identified_table(const RigModel& model, const SelfCalibration& found) {
+  Table table{"identified",
+              "The rig, identified",
+              {{"parameter", ""},
+               {"", "parameter"},
+               {"unit", "unit"},
+               {"drawing", "drawing"},
+               {"estimate", "estimate"},
+               {"uncertainty", "uncertainty"},
+               {"prior_uncertainty", "prior"},
+               {"prior_source", "from"},
+               {"verdict", "verdict"}},
+              {}};
   for (int i = 0; i < model.size(); ++i) {
     const RigParameter& p = model.parameters()[static_cast<std::size_t>(i)];
-    const int decimals = decimals_of(p);
-    csv.text(p.name).text(p.unit).number(p.drawing, decimals).number(found.values(i), decimals);
-    csv.number(found.sd(i), decimals + 1).number(p.prior.sd, decimals + 1).text(p.prior.source);
-    csv.text(verdict_name(found.verdicts[static_cast<std::size_t>(i)])).end_row();
-    correlation.text(p.name);
-    for (int k = 0; k < model.size(); ++k) correlation.number(found.correlation(i, k), 3);
-    correlation.end_row();
+    const auto number = [&](double value) { return Rounded{value, decimals_of(p)}; };
+    table.rows.push_back({p.name, p.what, p.unit, number(p.drawing), number(found.values(i)),
+                          number(found.sd(i)), number(p.prior.sd), p.prior.source,
+                          std::string(verdict_name(found.verdicts[static_cast<std::size_t>(i)]))});
   }
-  const std::string title = "The rig, identified";
-  const std::string md = identified_markdown(model, found);
-  csv.write(folder.tables() / "identified.csv");
-  correlation.write(folder.tables() / "identified_correlation.csv");
-  write_atomically(folder.tables() / "identified.md", fmt::format("# {}\n\n{}", title, md));
-  return {"identified", title, md};
+  return table;
+}
+
+void write_correlation(const RunFolder& folder, const RigModel& model,
+                       const SelfCalibration& found) {
+  std::vector<std::string> header{"parameter"};
+  for (const RigParameter& p : model.parameters()) header.push_back(p.name);
+  Csv csv(header);
+  for (int i = 0; i < model.size(); ++i) {
+    csv.text(model.parameters()[static_cast<std::size_t>(i)].name);
+    for (int k = 0; k < model.size(); ++k) csv.number(found.correlation(i, k), 3);
+    csv.end_row();
+  }
+  csv.write(folder.tables() / "identified_correlation.csv");
 }
 
 }  // namespace
 
 std::string identified_markdown(const RigModel& model, const SelfCalibration& found) {
-  std::string md =
-      "| parameter | unit | drawing | estimate | uncertainty | prior | from | verdict |\n"
-      "|---|---|--:|--:|--:|--:|---|---|\n";
-  for (int i = 0; i < model.size(); ++i) {
-    const RigParameter& p = model.parameters()[static_cast<std::size_t>(i)];
-    const int decimals = decimals_of(p);
-    md += fmt::format("| {} | {} | {} | {} | {} | {} | {} | {} |\n", p.what,
-                      p.unit == "1" ? "" : p.unit, fixed(p.drawing, decimals),
-                      fixed(found.values(i), decimals), fixed(found.sd(i), decimals),
-                      fixed(p.prior.sd, decimals), p.prior.source,
-                      verdict_name(found.verdicts[static_cast<std::size_t>(i)]));
-  }
-  return md;
+  return table_markdown(identified_table(model, found));
 }
 
 std::vector<WrittenTable> write_level_tables(const RunFolder& folder, const Plan& plan,
                                              const TruthLevels& levels) {
   std::filesystem::create_directories(folder.tables());
   std::vector<WrittenTable> written;
-  if (!levels.judged.rows.empty()) written.push_back(write_levels(folder, plan, levels.judged));
-  if (levels.model) written.push_back(write_identified(folder, *levels.model, levels.found));
+  if (!levels.judged.rows.empty())
+    written.push_back(write_table(levels_long(plan, levels.judged),
+                                  levels_shown(plan, levels.judged), folder.tables()));
+  if (levels.model) {
+    written.push_back(write_table(identified_table(*levels.model, levels.found), folder.tables()));
+    write_correlation(folder, *levels.model, levels.found);
+  }
   return written;
 }
 
-std::string levels_text(const RunFolder& folder, const Plan& plan, const TruthLevels& levels) {
-  const std::vector<WrittenTable> tables = write_level_tables(folder, plan, levels);
+std::string levels_text(const std::vector<WrittenTable>& written, const TruthLevels& levels) {
   std::string md = "## Three levels of truth\n\n";
   if (!levels.why_not.empty()) md += fmt::format("Not for this run: {}\n\n", levels.why_not);
-  for (const WrittenTable& table : tables) {
+  for (const WrittenTable& table : written) {
     if (table.name == "levels") {
       md += fmt::format(
           "An error is the difference of a measurement and the turntable, and the turntable is not "
@@ -127,7 +155,7 @@ std::string levels_text(const RunFolder& folder, const Plan& plan, const TruthLe
           "the "
           "turntable's stated repeatability, which no solver can see through.\n\n{}\n",
           levels.judged.folds, levels.judged.groups, table.markdown);
-    } else {
+    } else if (table.name == "identified") {
       const SelfCalibration& found = levels.found;
       md += fmt::format(
           "### {}\n\n"

@@ -194,9 +194,9 @@ std::vector<Draft> noise_drafts(const std::filesystem::path& folder,
   return drafts;
 }
 
-std::string noise_text(const RunFolder& folder, const RunRecord& record,
+std::string noise_text(const std::vector<WrittenTable>& written, const RunRecord& record,
                        const NoiseCampaign& campaign) {
-  const WrittenTable table = write_noise_table(folder, campaign);
+  const WrittenTable& table = *find_table(written, "noise");
   const bool regions = !record.start_document.empty() &&
                        Json::parse(record.start_document).value("archive", "") == "regions";
   std::size_t exposures = 0;

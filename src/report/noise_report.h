@@ -20,8 +20,8 @@ WrittenTable write_noise_table(const RunFolder& folder, const NoiseCampaign& cam
 /// @throws RecordError.
 std::vector<Draft> noise_drafts(const std::filesystem::path& folder, const NoiseCampaign& campaign);
 
-/// The same table, and the section "Noise in the images" of report.md. @throws RecordError.
-std::string noise_text(const RunFolder& folder, const RunRecord& record,
+/// The section "Noise in the images" of report.md. @param written tables of the run, "noise" among them
+std::string noise_text(const std::vector<WrittenTable>& written, const RunRecord& record,
                        const NoiseCampaign& campaign);
 
 /// Removes table and figures of an earlier campaign.

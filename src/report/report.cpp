@@ -267,8 +267,11 @@ std::string statistics_text(const std::vector<WrittenTable>& tables) {
        "Intervals come from drawing angles again, each with all of its repeats. The error of a "
        "repeat's initial pose is in all of its poses alike, and no interval knows of it."},
       {"repeatability",
-       "Axes are always approached from the same side, so forward and backward should be the "
-       "same; an interval that does not hold zero says that they are not."},
+       "Where axes are approached from one side, forward and backward should be the same; an "
+       "interval "
+       "that does not hold zero says that they are not. Where rows alternate, an error that bends "
+       "with another axis can look like it: the file has the level \"self-calibrated\", where it "
+       "does not."},
       {"paired",
        "Both solvers saw the same image points. \"Not told apart\" means that the interval holds "
        "zero: this run cannot tell which is better. With many pairs some intervals miss zero by "
@@ -278,13 +281,15 @@ std::string statistics_text(const std::vector<WrittenTable>& tables) {
        "repeatability, B reversal, by their definitions in the standard; the camera measures, so "
        "its own errors are in all of them."},
   }};
+  constexpr std::array<std::string_view, 6> kOwnSection{"table1",     "camera_solver", "levels",
+                                                        "identified", "budget",        "noise"};
   std::string published, beyond;
   for (const WrittenTable& t : tables) {
     const auto known =
         std::ranges::find(kBeyond, t.name, &std::pair<std::string_view, std::string_view>::first);
     if (known != kBeyond.end())
       beyond += fmt::format("### {}\n\n{}\n\n{}\n", t.title, known->second, t.markdown);
-    else if (t.name != "table1" && t.name != "camera_solver")
+    else if (std::ranges::find(kOwnSection, t.name) == kOwnSection.end())
       published += fmt::format("### {}\n\n{}\n", t.title, t.markdown);
   }
   return published +
@@ -324,15 +329,10 @@ std::string counted_poses(const std::vector<CameraComparison>& comparisons) {
 
 }  // namespace
 
-std::filesystem::path write_report(const RunFolder& folder, const RunRecord& record,
-                                   const RigFile& rig, const Calibration& calibration,
-                                   const std::optional<CalibrationSet>& set,
-                                   const Evaluation& evaluation,
-                                   const std::vector<CameraComparison>& cameras,
-                                   const TruthLevels& levels,
-                                   const std::vector<ErrorBudget>& budgets,
-                                   const std::optional<NoiseCampaign>& noise) {
-  const auto tables = write_tables(folder, record.plan, evaluation, calibration, cameras, levels);
+std::filesystem::path write_report(const RunFolder& folder, const Results& results) {
+  const auto& [record, rig, calibration, set, evaluation, cameras, levels, statistics, budgets,
+               noisy_spots, noise] = results;
+  const std::vector<WrittenTable> tables = write_tables(folder, results);
   std::filesystem::create_directories(folder.figures());
   // The paper's in the order of its numbers, then what goes beyond.
   std::vector<Draft> drafts, beyond;
@@ -350,7 +350,8 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
   take(normality_drafts(folder.figures(), record.plan, evaluation));
   take(bound_drafts(folder.figures(), record.plan, levels));
   take(budget_drafts(folder.figures(), record.plan, budgets));
-  take(repeatability_drafts(folder.figures(), record.plan, evaluation));
+  take(repeatability_drafts(folder.figures(), record.plan, evaluation,
+                            statistics.front().scenarios));
   take(drift_drafts(folder.figures(), record, evaluation, levels));
   take(time_drafts(folder.figures(), record, rig));
   const std::size_t of_paper = drafts.size();
@@ -386,8 +387,7 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
       "competitor.\n\n";
   md += statistics_text(tables);
 
-  for (const WrittenTable& t : tables) {
-    if (t.name != "camera_solver") continue;
+  if (const WrittenTable* t = find_table(tables, "camera_solver"))
     md += fmt::format(
         "## {}\n\n"
         "Every camera model with every solver, on the same image points. {} A change is taken over "
@@ -398,18 +398,16 @@ std::filesystem::path write_report(const RunFolder& folder, const RunRecord& rec
         "differences between cameras, sure as their intervals look, are this calibration's; "
         "another "
         "one may turn them round.\n\n{}",
-        t.title, counted_poses(cameras), t.markdown);
-  }
+        t->title, counted_poses(cameras), t->markdown);
 
-  md += levels_text(folder, record.plan, levels);
-  md += budget_text(write_budget_tables(folder, record.plan, budgets), record.plan, budgets);
-  if (noise) md += noise_text(folder, record, *noise);
+  md += levels_text(tables, levels);
+  md += budget_text(tables, record.plan, budgets);
+  if (noise) md += noise_text(tables, record, *noise);
   md += "## Failed poses\n\n" + failures_text(evaluation, record.plan);
   md += "\n" + images_text(record) + "## Camera\n\n" + calibration_text(calibration);
-  for (const WrittenTable& t : tables)
-    if (t.name == "table1")
-      md +=
-          fmt::format("\n<details><summary>{}</summary>\n\n{}\n</details>\n", t.title, t.markdown);
+  if (const WrittenTable* t = find_table(tables, "table1"))
+    md +=
+        fmt::format("\n<details><summary>{}</summary>\n\n{}\n</details>\n", t->title, t->markdown);
 
   const auto behind = figures.begin() + static_cast<std::ptrdiff_t>(of_paper);
   md += "\n## Figures\n\n### As in the paper\n\n" + figures_markdown({figures.begin(), behind});

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "src/record/atomic_file.h"
@@ -40,7 +41,7 @@ std::string readable(double value, int decimals) {
   return std::isfinite(value) ? fixed(value, decimals) : "-";
 }
 
-/// As a reader sees it. @param minus in front of negative numbers.
+/// As a reader sees it.
 std::string readable(const Cell& cell, int decimals) {
   return std::visit(
       Overloaded{[](std::monostate) { return std::string(); },
@@ -64,8 +65,9 @@ std::string table_csv(const Table& table) {
   std::vector<bool> interval;
   for (std::size_t c = 0; c < table.columns.size(); ++c) {
     const std::string& name = table.columns[c].csv;
-    header.push_back(name);
     interval.push_back(holds_interval(table, c));
+    if (name.empty()) continue;
+    header.push_back(name);
     if (!interval.back()) continue;
     header.push_back(with_bound(name, "lower"));
     header.push_back(with_bound(name, "upper"));
@@ -73,6 +75,7 @@ std::string table_csv(const Table& table) {
   Csv csv(header);
   for (const std::vector<Cell>& row : table.rows) {
     for (std::size_t c = 0; c < table.columns.size(); ++c) {
+      if (table.columns[c].csv.empty()) continue;
       const int decimals = table.columns[c].decimals + 2;
       std::visit(Overloaded{[&](std::monostate) { csv.empty(); },
                             [&](const std::string& text) { csv.text(text); },
@@ -173,12 +176,22 @@ std::string table_latex(const Table& table) {
       table.title, columns, head, body);
 }
 
+WrittenTable write_table(const Table& all, const Table& shown,
+                         const std::filesystem::path& folder) {
+  const std::string markdown = table_markdown(shown);
+  write_atomically(folder / (shown.name + ".csv"), table_csv(all));
+  write_atomically(folder / (shown.name + ".md"), fmt::format("# {}\n\n{}", shown.title, markdown));
+  write_atomically(folder / (shown.name + ".tex"), table_latex(shown));
+  return {shown.name, shown.title, markdown};
+}
+
 WrittenTable write_table(const Table& table, const std::filesystem::path& folder) {
-  const std::string markdown = table_markdown(table);
-  write_atomically(folder / (table.name + ".csv"), table_csv(table));
-  write_atomically(folder / (table.name + ".md"), fmt::format("# {}\n\n{}", table.title, markdown));
-  write_atomically(folder / (table.name + ".tex"), table_latex(table));
-  return {table.name, table.title, markdown};
+  return write_table(table, table, folder);
+}
+
+const WrittenTable* find_table(const std::vector<WrittenTable>& written, std::string_view name) {
+  const auto found = std::ranges::find(written, name, &WrittenTable::name);
+  return found == written.end() ? nullptr : &*found;
 }
 
 }  // namespace turntable

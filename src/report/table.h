@@ -13,8 +13,9 @@
 namespace turntable {
 
 struct TableColumn {
-  std::string csv;    ///< header in the CSV file, with its unit: "rmse_yaw_deg"; of an interval the
-                      ///< stem, to which _lower and _upper are added before the unit
+  std::string
+      csv;  ///< empty: not in the CSV file; else its header in the CSV file, with its unit: "rmse_yaw_deg"; of an interval the
+            ///< stem, to which _lower and _upper are added before the unit
   std::string title;  ///< in Markdown and LaTeX: "RMSE yaw / deg"; empty: CSV only
   int decimals = 4;   ///< to be read; CSV has two more
 };
@@ -51,5 +52,10 @@ std::string latex_text(std::string_view text);
 
 /// Writes <folder>/<name>.{csv,md,tex}. @throws RecordError.
 WrittenTable write_table(const Table& table, const std::filesystem::path& folder);
+/// The same of a table that is shorter or turned where it is read: CSV of `all`, the rest of `shown`.
+WrittenTable write_table(const Table& all, const Table& shown, const std::filesystem::path& folder);
+
+/// The table of that name, or nullptr.
+const WrittenTable* find_table(const std::vector<WrittenTable>& written, std::string_view name);
 
 }  // namespace turntable

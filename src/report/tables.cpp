@@ -13,6 +13,9 @@
 #include "src/imaging/monomial_table.h"
 #include "src/record/atomic_file.h"
 #include "src/record/csv.h"
+#include "src/report/budget_tables.h"
+#include "src/report/level_tables.h"
+#include "src/report/noise_report.h"
 #include "src/report/published.h"
 
 namespace turntable {
@@ -168,34 +171,13 @@ WrittenTable write_camera_solver_table(const RunFolder& folder,
 
 std::int64_t whole(std::size_t count) { return static_cast<std::int64_t>(count); }
 
-/// What one level of truth says.
-struct LevelStatistics {
-  std::string level;
-  std::vector<ScenarioStatistics> scenarios;
-  std::vector<PairedComparison> pairs;
-};
-
-/// As published over all poses; the others over the held-out poses that they are judged on.
-std::vector<LevelStatistics> level_statistics(const Evaluation& evaluation,
-                                              const TruthLevels& levels) {
-  std::vector<LevelStatistics> out;
-  for (const TruthLevel level : kTruthLevels) {
-    const bool published = level == TruthLevel::kPublished;
-    if (!published && levels.judged.poses.empty()) continue;
-    const Evaluation at = published ? evaluation : at_level(evaluation, levels.judged, level);
-    out.push_back(
-        {std::string(truth_level_name(level)), scenario_statistics(at), paired_comparisons(at)});
-  }
-  return out;
-}
-
 /// (level, row) of every level, one after the other.
 template <class Row>
 std::vector<std::pair<std::string, Row>> rows_of(const std::vector<LevelStatistics>& levels,
                                                  std::vector<Row> LevelStatistics::*rows) {
   std::vector<std::pair<std::string, Row>> out;
   for (const LevelStatistics& level : levels)
-    for (const Row& row : level.*rows) out.emplace_back(level.level, row);
+    for (const Row& row : level.*rows) out.emplace_back(truth_level_name(level.level), row);
   return out;
 }
 
@@ -313,40 +295,9 @@ Table iso230_table(const std::vector<Iso230>& rows, const Plan& plan) {
   return table;
 }
 
-/// Files have every row; the report those as published, pairs with the first solver, and no row that
-/// states nothing.
-Table for_the_report(const Table& table) {
-  Table out = table;
-  const auto states = [](const Cell& cell) {
-    if (const double* number = std::get_if<double>(&cell)) return std::isfinite(*number);
-    const WithInterval* interval = std::get_if<WithInterval>(&cell);
-    return interval != nullptr && std::isfinite(interval->value);
-  };
-  std::erase_if(out.rows, [&](const std::vector<Cell>& row) {
-    if (std::ranges::none_of(row, states)) return true;
-    for (std::size_t c = 0; c < row.size(); ++c) {
-      const std::string* text = std::get_if<std::string>(&row[c]);
-      if (text == nullptr) continue;
-      const std::string& column = table.columns[c].csv;
-      if (column == "level" && *text != truth_level_name(TruthLevel::kPublished)) return true;
-      if (column == "first" && *text != std::get<std::string>(table.rows.front()[c])) return true;
-    }
-    return false;
-  });
-  for (TableColumn& column : out.columns)
-    if (column.csv == "level") column.title.clear();
-  return out;
-}
-
-}  // namespace
-
-std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan,
-                                       const Evaluation& evaluation, const Calibration& calibration,
-                                       const std::vector<CameraComparison>& cameras,
-                                       const TruthLevels& levels) {
-  std::filesystem::create_directories(folder.tables());
-  std::vector<WrittenTable> written{write_table1(folder, calibration)};
-
+/// Tables 3 to 5, and one for each scenario that belongs to none of them.
+void write_error_tables(const RunFolder& folder, const Plan& plan, const Evaluation& evaluation,
+                        std::vector<WrittenTable>& written) {
   std::map<std::string, std::vector<Row>> ours;  // by table name
   std::map<std::string, std::string> titles;
   std::map<std::string, std::map<std::pair<std::size_t, int>, int>>
@@ -379,16 +330,57 @@ std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan
         if (r.method == solver->name) rows.push_back(r);
     written.push_back(write_table(errors_table(name, titles[name], rows), folder.tables()));
   }
+}
+
+/// Files have every level and pair; the report shows one level, which its text names.
+std::string without_level(Table table) {
+  table.columns.front().title.clear();
+  return table_markdown(table);
+}
+
+void write_statistics(const RunFolder& folder, const Results& results,
+                      std::vector<WrittenTable>& written) {
+  const Plan& plan = results.plan();
+  const auto write = [&](const Table& table, const std::string& markdown) {
+    if (table.rows.empty()) return;
+    written.push_back(write_table(table, folder.tables()));
+    written.back().markdown = markdown;
+  };
+  LevelStatistics shown = results.statistics.front();
+  write(statistics_table(results.statistics, plan), without_level(statistics_table({shown}, plan)));
+  if (!results.evaluation.solvers.empty())
+    std::erase_if(shown.pairs, [&](const PairedComparison& c) {
+      return c.first != results.evaluation.solvers.front();
+    });
+  write(paired_table(results.statistics, plan), without_level(paired_table({shown}, plan)));
+  std::erase_if(shown.scenarios, [](const ScenarioStatistics& s) {
+    return std::ranges::none_of(s.axes, [](const AxisDetail& a) {
+      return std::isfinite(a.repeatability_deg) ||
+             std::isfinite(a.forward_minus_backward_deg.value);
+    });
+  });
+  write(repeatability_table(results.statistics, plan),
+        without_level(repeatability_table({shown}, plan)));
+  const Table iso = iso230_table(iso230(results.evaluation, plan), plan);
+  write(iso, table_markdown(iso));
+}
+
+}  // namespace
+
+std::vector<WrittenTable> write_tables(const RunFolder& folder, const Results& results) {
+  const Plan& plan = results.plan();
+  std::filesystem::create_directories(folder.tables());
+  std::vector<WrittenTable> written{write_table1(folder, results.calibration)};
+  write_error_tables(folder, plan, results.evaluation, written);
+  const std::vector<CameraComparison>& cameras = results.cameras;
   if (!cameras.empty() && !cameras.front().cells.empty() && cameras.front().cells.front().poses > 0)
     written.push_back(write_camera_solver_table(folder, cameras));
-  const std::vector<LevelStatistics> statistics = level_statistics(evaluation, levels);
-  for (const Table& table :
-       {statistics_table(statistics, plan), repeatability_table(statistics, plan),
-        paired_table(statistics, plan), iso230_table(iso230(evaluation, plan), plan)}) {
-    if (table.rows.empty()) continue;
-    written.push_back(write_table(table, folder.tables()));
-    written.back().markdown = table_markdown(for_the_report(table));
-  }
+  write_statistics(folder, results, written);
+  for (WrittenTable& table : write_level_tables(folder, plan, results.levels))
+    written.push_back(std::move(table));
+  for (WrittenTable& table : write_budget_tables(folder, plan, results.budgets))
+    written.push_back(std::move(table));
+  if (results.noise) written.push_back(write_noise_table(folder, *results.noise));
   return written;
 }
 

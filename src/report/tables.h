@@ -1,14 +1,10 @@
-// Tables 1 and 3-5 in the form of the paper, published values beside ours, as CSV and Markdown.
+// Every table of a run: Tables 1 and 3-5 in the form of the paper, published values beside ours, and
+// what goes beyond them. Written by the report, and made again by verify.
 #pragma once
 
-#include <string>
 #include <vector>
 
-#include "src/evaluation/camera_comparison.h"
-#include "src/evaluation/cross_validation.h"
-#include "src/evaluation/evaluate.h"
-#include "src/imaging/calibration.h"
-#include "src/record/run_folder.h"
+#include "src/report/results.h"
 #include "src/report/table.h"
 
 namespace turntable {
@@ -17,11 +13,7 @@ namespace turntable {
 /// scenarios for them, and one more per scenario that belongs to none (repeats of several scenarios in
 /// one table are numbered on); camera_solver, what the camera model gains and what the solver gains,
 /// if there is a pose to tell by; statistics, repeatability, paired (at every level of truth that the
-/// run has) and iso230. @param cameras this run's comparison first, then those of runs that are set
-/// beside it. @throws RecordError.
-std::vector<WrittenTable> write_tables(const RunFolder& folder, const Plan& plan,
-                                       const Evaluation& evaluation, const Calibration& calibration,
-                                       const std::vector<CameraComparison>& cameras,
-                                       const TruthLevels& levels);
+/// run has) and iso230; those of `level_tables`, `budget_tables` and `noise_report`. @throws RecordError.
+std::vector<WrittenTable> write_tables(const RunFolder& folder, const Results& results);
 
 }  // namespace turntable

@@ -6,20 +6,10 @@
 
 #include "src/evaluation/cross_validation.h"
 #include "tests/support/point_run.h"
+#include "tests/support/synthetic_campaign.h"
 
 namespace turntable {
 namespace {
-
-/// Nothing wrong with it, and the tolerances of the budget's tests.
-RigFile budget_rig() {
-  RigFile rig = shipped_rig("ideal");
-  rig.tolerances.target_mm.sd = 0.1;
-  rig.tolerances.squareness_deg.sd = 0.25;
-  rig.tolerances.mounting_deg.sd = 0.4;
-  rig.tolerances.axes_deg.sd = 0.05;
-  for (const AxisId axis : kRotaryAxes) rig.axes.at(axis).repeatability = 0.005;
-  return rig;
-}
 
 void hide_repeatability(RigFile& rig) {
   for (const AxisId axis : kRotaryAxes) rig.simulation->axes[axis].repeatability = 0.005;
@@ -51,7 +41,7 @@ std::string lines_of(const ErrorBudget& budget) {
 
 TEST(ErrorBudget, PredictsTheTotalOfTenRigs) {
   for (std::uint64_t seed = 1; seed <= 10; ++seed) {
-    RigFile rig = budget_rig();
+    RigFile rig = toleranced_rig();
     Random random(seed, "hidden errors");
     hide_target(rig, random);
     hide_repeatability(rig);
@@ -81,7 +71,7 @@ struct SingleCause {
 class ErrorBudgetLine : public ::testing::TestWithParam<SingleCause> {};
 
 TEST_P(ErrorBudgetLine, NamesTheCause) {
-  RigFile rig = budget_rig();
+  RigFile rig = toleranced_rig();
   Random random(7, "hidden errors");
   GetParam().hide(rig, random);
   const bool noise_only =

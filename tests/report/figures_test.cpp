@@ -147,7 +147,9 @@ TEST(EvaluationFigures, AreDrawnOfEverythingThatARunHas) {
   };
   check(angle_drafts(folder.path(), plan, run.rig, run.calibration, run.evaluation), "error_angle");
   check(normality_drafts(folder.path(), plan, run.evaluation), "error_normal");
-  check(repeatability_drafts(folder.path(), plan, run.evaluation), "error_repeatability");
+  check(repeatability_drafts(folder.path(), plan, run.evaluation,
+                             scenario_statistics(run.evaluation)),
+        "error_repeatability");
   ASSERT_FALSE(levels().judged.rows.empty()) << levels().why_not;
   check(bound_drafts(folder.path(), plan, levels()), "error_bound");
   EXPECT_EQ(std::ranges::count(slurp(folder / "error_bound.csv"), '\n'), 1 + 2 * 3);
@@ -192,7 +194,7 @@ TEST(EvaluationFigures, AreLeftOutWhereThereIsNothingToShow) {
   Plan plan = run.record.plan;
   Evaluation once = run.evaluation;
   std::erase_if(once.poses, [](const EvaluatedPose& pose) { return pose.planned.repeat > 1; });
-  EXPECT_TRUE(repeatability_drafts(folder.path(), plan, once).empty());
+  EXPECT_TRUE(repeatability_drafts(folder.path(), plan, once, scenario_statistics(once)).empty());
   EXPECT_TRUE(bound_drafts(folder.path(), plan, {}).empty());
   EXPECT_TRUE(budget_drafts(folder.path(), plan, {}).empty());
 
