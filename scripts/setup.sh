@@ -12,7 +12,7 @@ packages=(
   libaravis-dev libusb-1.0-0-dev  # aravis-0.8.pc asks for libusb
   libceres-dev libgtest-dev libgmock-dev libbenchmark-dev mbpoll python3-minimal  # the last two: peers in tests
   gnuplot-nox fonts-dejavu-core
-  chromium poppler-utils  # prints the report as PDF; looks at its pages in tests
+  chromium-headless-shell poppler-utils  # prints the report as PDF; looks at its pages in tests
 )
 
 missing=()

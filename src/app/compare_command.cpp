@@ -12,6 +12,7 @@
 #include "src/evaluation/run_comparison.h"
 #include "src/record/sha256.h"
 #include "src/report/compare_report.h"
+#include "src/report/html_report.h"
 #include "src/report/pdf.h"
 
 namespace turntable {
@@ -103,7 +104,7 @@ int compare_command(const ReportArguments& a) {
   if (!a.no_pdf) {
     fs::path pdf = page;
     pdf.replace_extension(".pdf");
-    if (const auto trouble = print_pdf(page, pdf))
+    if (const auto trouble = print_pdf(page_for_paper(out / "comparison.md"), pdf))
       spdlog::warn("{}", *trouble);
     else
       fmt::print("printed: {}\n", pdf.string());

@@ -15,6 +15,7 @@
 #include "src/evaluation/scenario_statistics.h"
 #include "src/record/atomic_file.h"
 #include "src/record/sha256.h"
+#include "src/report/html_report.h"
 #include "src/report/noise_report.h"
 #include "src/report/pdf.h"
 #include "src/report/report.h"
@@ -222,7 +223,7 @@ int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrit
   std::error_code ignored;
   fs::remove(pdf, ignored);
   if (options.pdf) {
-    if (const auto trouble = print_pdf(report, pdf))
+    if (const auto trouble = print_pdf(page_for_paper(folder.report()), pdf))
       spdlog::warn("{}", *trouble);
     else
       fmt::print("printed: {}\n", pdf.string());

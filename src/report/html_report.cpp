@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <md4c-html.h>
+#include <openssl/evp.h>
 
 #include <array>
 #include <charconv>
@@ -9,6 +10,7 @@
 
 #include "report_assets.h"
 #include "src/record/atomic_file.h"
+#include "src/report/paper_svg.h"
 
 namespace turntable {
 namespace {
@@ -278,10 +280,39 @@ void insert_figure(std::string& body, const Figure& figure, const std::string& p
   body.replace(at, end + 4 - at, html);
 }
 
+/// The whole page. The first screen: all up to the sections, and what is in a report at a glance;
+/// contents follow it.
+std::string document(std::string body, std::string_view behind) {
+  const std::vector<Heading> headings = headings_of(body);
+  std::size_t first = body.size();
+  for (const Heading& h : headings)
+    if (h.level == '2' && h.id != "at-a-glance") {
+      first = h.at;
+      break;
+    }
+  const std::string_view all = body;
+  return fmt::format(
+      "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
+      "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n"
+      "<title>{}</title>\n<style>\n{}</style>\n</head>\n<body>\n<header>\n{}</header>\n{}<main>\n"
+      "{}</main>\n{}</body>\n</html>\n",
+      headings.empty() ? "Report" : headings.front().text, asset("report.css"),
+      all.substr(0, first), contents(headings), all.substr(first), behind);
+}
+
 }  // namespace
 
 std::string inline_svg(std::string_view svg, const Figure& figure, const std::string& prefix) {
   return SvgInliner(svg, figure, prefix).result();
+}
+
+std::string data_uri(std::string_view type, std::string_view bytes) {
+  std::string base64((bytes.size() + 2) / 3 * 4 + 1, '\0');
+  const int size = EVP_EncodeBlock(reinterpret_cast<unsigned char*>(base64.data()),
+                                   reinterpret_cast<const unsigned char*>(bytes.data()),
+                                   static_cast<int>(bytes.size()));
+  base64.resize(static_cast<std::size_t>(size));
+  return fmt::format("data:{};base64,{}", type, base64);
 }
 
 std::string markdown_to_html(std::string_view markdown) {
@@ -320,36 +351,46 @@ fs::path write_html(const fs::path& markdown, const std::vector<Figure>& figures
   for (std::size_t i = 0; i < figures.size(); ++i)
     if (figures[i].drawn)
       insert_figure(body, figures[i], fmt::format("f{}-", i), markdown.parent_path() / "figures");
-  const std::vector<Heading> headings = headings_of(body);
-  // The first screen: all up to the sections, and what is in a report at a glance. Contents follow it.
-  std::size_t first = body.size();
-  for (const Heading& h : headings)
-    if (h.level == '2' && h.id != "at-a-glance") {
-      first = h.at;
-      break;
-    }
-  const std::string top = body.substr(0, first);
-  body.erase(0, first);
-
   std::string data;
   if (poses != nullptr) {
     data = poses->dump(-1, ' ', false, Json::error_handler_t::replace);
     replace_every(data, "</", "<\\/");
     data = "<script type=\"application/json\" id=\"page-data\">" + data + "</script>\n";
   }
-  std::string page = fmt::format(
-      "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
-      "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n"
-      "<title>{}</title>\n<style>\n{}</style>\n</head>\n<body>\n<header>\n{}</header>\n{}<main>\n",
-      headings.empty() ? "Report" : headings.front().text, asset("report.css"), top,
-      contents(headings));
-  page += body;
-  page += "</main>\n" + data;
-  page += fmt::format("<script>\n{}</script>\n</body>\n</html>\n", asset("report.js"));
   fs::path file = markdown;
   file.replace_extension(".html");
-  write_atomically(file, page);
+  write_atomically(file, document(std::move(body), fmt::format("{}<script>\n{}</script>\n", data,
+                                                               asset("report.js"))));
   return file;
+}
+
+std::string page_for_paper(const fs::path& markdown) {
+  std::string body = markdown_to_html(read_text(markdown));
+  replace_every(body, "<details>", "<details open>");
+  // Links to files beside the report would name where it lay when it was printed.
+  constexpr std::string_view kLink = "<a href=\"";
+  for (std::size_t at = 0; (at = body.find(kLink, at)) != std::string::npos; at += 2) {
+    const std::string_view target = std::string_view(body).substr(at + kLink.size());
+    if (!target.starts_with("#") && !target.starts_with("http"))
+      body.erase(at + 2, target.find('"') + kLink.size() - 1);
+  }
+  // A figure is an image and a paragraph behind it.
+  constexpr std::string_view kImage = "<p><img src=\"", kBetween = "</p>\n<p>";
+  for (std::size_t at = 0; (at = body.find(kImage, at)) != std::string::npos;) {
+    const std::size_t name = at + kImage.size(), quote = body.find('"', name),
+                      image_end = body.find("</p>", quote), caption = image_end + kBetween.size(),
+                      end = body.find("</p>", caption);
+    if (body.compare(image_end, kBetween.size(), kBetween) != 0)
+      throw std::logic_error("a figure has no caption");
+    const std::string svg = read_text(markdown.parent_path() / body.substr(name, quote - name));
+    const std::string figure =
+        fmt::format("<figure>\n<img src=\"{}{}\n<figcaption>{}</figcaption>\n</figure>",
+                    data_uri("image/svg+xml", marks_as_paths(svg)),
+                    body.substr(quote, image_end - quote), body.substr(caption, end - caption));
+    body.replace(at, end + 4 - at, figure);
+    at += figure.size();
+  }
+  return document(std::move(body), "");
 }
 
 }  // namespace turntable

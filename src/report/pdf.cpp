@@ -29,6 +29,10 @@ using std::chrono::steady_clock;
 
 constexpr std::chrono::seconds kPrintTimeout{60};
 
+/// Chromium's names, the one that begins fastest first.
+constexpr const char* kChromium[] = {"chromium-headless-shell", "chromium", "chromium-browser",
+                                     "google-chrome"};
+
 /// A child and whatever it starts: a process group, killed with this object.
 class Group {
  public:
@@ -102,7 +106,7 @@ bool is_whole_pdf(const fs::path& file) {
 
 }  // namespace
 
-std::optional<std::string> print_pdf(const fs::path& html, const fs::path& pdf) {
+std::optional<std::string> print_pdf(std::string_view page, const fs::path& pdf) {
   std::string pattern = (temporary_files() / "turntable-print-XXXXXX").string();
   if (::mkdtemp(pattern.data()) == nullptr)
     throw RecordError(
@@ -116,10 +120,10 @@ std::optional<std::string> print_pdf(const fs::path& html, const fs::path& pdf) 
       fs::remove_all(folder, ignored);
     }
   } const profile{pattern};
-  const fs::path printed = profile.folder / "report.pdf";
+  const fs::path printed = profile.folder / "report.pdf", html = profile.folder / "report.html";
+  write_atomically(html, page);
 
-  std::vector<std::string> command{"chromium",
-                                   "--headless",
+  std::vector<std::string> options{"--headless",
                                    "--disable-gpu",
                                    "--disable-extensions",
                                    "--disable-crash-reporter",
@@ -129,22 +133,25 @@ std::optional<std::string> print_pdf(const fs::path& html, const fs::path& pdf) 
                                    "--no-pdf-header-footer",
                                    "--user-data-dir=" + profile.folder.string(),
                                    "--print-to-pdf=" + printed.string()};
-  if (::geteuid() == 0) command.push_back("--no-sandbox");  // it refuses root otherwise
-  command.push_back(file_url(html));
-  {
+  if (::geteuid() == 0) options.push_back("--no-sandbox");  // it refuses root otherwise
+  options.push_back(file_url(html));
+  for (const char* const program : kChromium) {
+    std::vector<std::string> command{program};
+    command.insert(command.end(), options.begin(), options.end());
     Group chromium(std::move(command));
-    if (!chromium.started())
-      return "Chromium is not there, which prints the report as PDF. Install it (Debian: "
-             "chromium), or print report.html from any browser.";
+    if (!chromium.started()) continue;
     const bool ended = chromium.ended_within(kPrintTimeout);
     if (!is_whole_pdf(printed))
       return fmt::format(
-          "Chromium could not print {}{}. Print it from any browser.", html.string(),
+          "{} could not print {}{}. Print the page beside it from any browser.", program,
+          pdf.string(),
           ended ? "" : fmt::format(" within {} s and was ended", kPrintTimeout.count()));
+    std::ifstream in(printed, std::ios::binary);
+    write_atomically(pdf, std::string(std::istreambuf_iterator<char>(in), {}));
+    return {};
   }
-  std::ifstream in(printed, std::ios::binary);
-  write_atomically(pdf, std::string(std::istreambuf_iterator<char>(in), {}));
-  return {};
+  return "Chromium is not there, which prints the report as PDF. Install it (Debian: "
+         "chromium-headless-shell), or print report.html from any browser.";
 }
 
 }  // namespace turntable

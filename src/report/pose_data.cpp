@@ -1,7 +1,6 @@
 #include "src/report/pose_data.h"
 
 #include <fmt/format.h>
-#include <openssl/evp.h>
 
 #include <algorithm>
 #include <cmath>
@@ -13,6 +12,7 @@
 #include "src/core/parallel.h"
 #include "src/record/image_archive.h"
 #include "src/report/drawing.h"
+#include "src/report/html_report.h"
 
 namespace turntable {
 namespace {
@@ -25,15 +25,6 @@ Json rounded(double value, int decimals) {
   if (!std::isfinite(value)) return nullptr;
   const double scale = std::pow(10.0, decimals);
   return std::round(value * scale) / scale + 0.0;  // no negative zero
-}
-
-std::string data_uri(std::string_view png) {
-  std::string base64((png.size() + 2) / 3 * 4 + 1, '\0');
-  const int size = EVP_EncodeBlock(reinterpret_cast<unsigned char*>(base64.data()),
-                                   reinterpret_cast<const unsigned char*>(png.data()),
-                                   static_cast<int>(png.size()));
-  base64.resize(static_cast<std::size_t>(size));
-  return "data:image/png;base64," + base64;
 }
 
 /// Poses of which the page has pictures.
@@ -69,7 +60,9 @@ Json spot_picture(const Image& image, const std::vector<Vector2d>& spots) {
       for (int u = std::max(0, -left); u < std::min(kCutPx, image.width - left); ++u)
         strip.row(v)[static_cast<int>(k) * kCutPx + u] = ImageView(image).row(top + v)[left + u];
   }
-  return {{"src", data_uri(encode_png(strip))}, {"side", kCutPx}, {"corners", std::move(corners)}};
+  return {{"src", data_uri("image/png", encode_png(strip))},
+          {"side", kCutPx},
+          {"corners", std::move(corners)}};
 }
 
 Json errors_json(const PoseResult& r) {

@@ -26,11 +26,12 @@ class BackgroundProgram {
     std::vector<std::string> words{TURNTABLE_PROGRAM};
     std::istringstream in(arguments);
     for (std::string word; in >> word;) words.push_back(word);
+    // Emptied before there are two processes: nobody may read what an earlier program printed.
+    const int out = ::open(log_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
     int ends[2];
-    if (::pipe2(ends, O_CLOEXEC) != 0) throw std::runtime_error("pipe");
+    if (out < 0 || ::pipe2(ends, O_CLOEXEC) != 0) throw std::runtime_error("log or pipe");
     pid_ = ::fork();
     if (pid_ == 0) {
-      const int out = ::open(log_.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
       ::dup2(ends[0], STDIN_FILENO);
       ::dup2(out, STDOUT_FILENO);
       ::dup2(out, STDERR_FILENO);
@@ -40,6 +41,7 @@ class BackgroundProgram {
       ::execv(argv[0], argv.data());
       ::_exit(127);
     }
+    ::close(out);
     ::close(ends[0]);
     input_ = ends[1];
   }

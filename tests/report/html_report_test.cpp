@@ -8,6 +8,7 @@
 
 #include "src/core/errors.h"
 #include "src/record/atomic_file.h"
+#include "src/report/paper_svg.h"
 #include "src/report/pdf.h"
 #include "tests/support/temporary_folder.h"
 
@@ -108,12 +109,50 @@ TEST(WriteHtml, PutsFiguresWithOneCaptionIntoThePage) {
   EXPECT_EQ(html.find(caption), html.rfind(caption));
 }
 
+TEST(PageForPaper, HasFiguresAsImagesUnfoldedWithoutScriptOrLinksToFiles) {
+  TemporaryFolder folder;
+  std::filesystem::create_directories(folder / "figures");
+  write_atomically(folder / "figures/two.svg", "<svg/>");
+  write_atomically(folder / "report.md",
+                   "# Title\n\n## Figures\n\n![Two points](figures/two.svg)\n\nTheir *caption* "
+                   "([data](figures/two.csv))\n\n[above](#title), [paper](https://doi.org/1)\n\n"
+                   "<details><summary>More</summary>\n\ntext\n\n</details>\n");
+  const std::string page = page_for_paper(folder / "report.md");
+  EXPECT_THAT(page, HasSubstr("<figure>\n<img src=\"data:image/svg+xml;base64,PHN2Zy8+\" alt=\"Two "
+                              "points\">\n<figcaption>Their <em>caption</em> "
+                              "(<a>data</a>)</figcaption>\n</figure>"));
+  EXPECT_THAT(page, AllOf(HasSubstr("<a href=\"#title\">above"),
+                          HasSubstr("<a href=\"https://doi.org/1\">paper"),
+                          HasSubstr("<details open><summary>More"), Not(HasSubstr("<script"))));
+}
+
+TEST(MarksAsPaths, JoinsNeighboursThatLookTheSame) {
+  const auto mark = [](int shape, const char* place, const char* colour) {
+    return fmt::format(
+        "\t<use xlink:href='#gpPt{}' transform='translate({}) scale(2.00)' color='{}'/>\n", shape,
+        place, colour);
+  };
+  const std::string kind = "<path id='gpPt0' stroke-width='0.25' d='M-1,0'/>\n<g>\n";
+  EXPECT_EQ(
+      marks_as_paths(kind + mark(0, "1,2", "red") + mark(0, "3,4.5", "red") +
+                     mark(0, "5,6", "blue") + mark(4, "7,8", "blue") + mark(6, "7,9", "blue") +
+                     mark(99, "9,9", "red") + "</g>\n<text>no line end</text>"),
+      kind +
+          "<path d='M1,2m-2.00 0h4.00m-2.00 -2.00v4.00M3,4.5m-2.00 0h4.00m-2.00 -2.00v4.00' "
+          "stroke='red' stroke-width='0.500' fill='none'/>\n"
+          "<path d='M5,6m-2.00 0h4.00m-2.00 -2.00v4.00' stroke='blue' stroke-width='0.500' "
+          "fill='none'/>\n"
+          "<path d='M7,8m-2.00 -2.00h4.00v4.00h-4.00z' stroke='blue' stroke-width='0.500' "
+          "fill='blue'/>\n"
+          "<path d='M7,9h0' stroke='blue' stroke-width='4.00' stroke-linecap='round'/>\n" +
+          mark(99, "9,9", "red") + "</g>\n<text>no line end</text>");
+}
+
 TEST(PrintPdf, SaysWhatIsMissingWithoutChromium) {
   TemporaryFolder folder;
-  write_atomically(folder / "page.html", "<!doctype html><title>t</title><p>text</p>");
   const std::string path = std::getenv("PATH");
   ::setenv("PATH", "/nowhere", 1);
-  const auto trouble = print_pdf(folder / "page.html", folder / "page.pdf");
+  const auto trouble = print_pdf("<!doctype html><title>t</title><p>text</p>", folder / "page.pdf");
   ::setenv("PATH", path.c_str(), 1);
   ASSERT_TRUE(trouble.has_value());
   EXPECT_THAT(*trouble, AllOf(HasSubstr("Chromium"), HasSubstr("Install it")));

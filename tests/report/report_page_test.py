@@ -24,7 +24,7 @@ class Browser:
     """Chromium without a window, told by the DevTools protocol over two pipes (its descriptors 3 and 4)."""
 
     def __init__(self, profile):
-        command = ["chromium", "--headless", "--disable-gpu", "--no-first-run", "--disable-crash-reporter",
+        command = ["chromium-headless-shell", "--headless", "--disable-gpu", "--no-first-run", "--disable-crash-reporter",
                    "--disable-breakpad", "--disable-background-networking", f"--user-data-dir={profile}",
                    "--remote-debugging-pipe"]
         if os.geteuid() == 0:
@@ -305,7 +305,7 @@ def check_pdf(file):
 
 
 def main():
-    for program, package in (("chromium", "chromium"), ("pdftoppm", "poppler-utils")):
+    for program, package in (("chromium-headless-shell", "chromium-headless-shell"), ("pdftoppm", "poppler-utils")):
         if shutil.which(program) is None:
             sys.exit(f"{program} is not there, and the report cannot be looked at. Install it: apt-get install {package}")
     shutil.rmtree(PICTURES, ignore_errors=True)
