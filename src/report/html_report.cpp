@@ -4,8 +4,10 @@
 #include <md4c-html.h>
 #include <openssl/evp.h>
 
+#include <algorithm>
 #include <array>
 #include <charconv>
+#include <cstdio>
 #include <nlohmann/json.hpp>
 
 #include "report_assets.h"
@@ -280,6 +282,15 @@ void insert_figure(std::string& body, const Figure& figure, const std::string& p
   body.replace(at, end + 4 - at, html);
 }
 
+/// Whether a picture is nearly as high as it is wide: many panels, which half a page makes too small.
+bool is_tall(std::string_view svg) {
+  double left = 0, top = 0, width = 1, height = 0;
+  const std::size_t begin = std::min(svg.find("<svg"), svg.size());
+  const std::string box(attribute(svg.substr(begin, svg.find('>', begin) - begin), "viewBox"));
+  std::sscanf(box.c_str(), "%lf %lf %lf %lf", &left, &top, &width, &height);
+  return height > 0.85 * width;
+}
+
 /// The whole page. The first screen: all up to the sections, and what is in a report at a glance;
 /// contents follow it.
 std::string document(std::string body, std::string_view behind) {
@@ -383,10 +394,10 @@ std::string page_for_paper(const fs::path& markdown) {
     if (body.compare(image_end, kBetween.size(), kBetween) != 0)
       throw std::logic_error("a figure has no caption");
     const std::string svg = read_text(markdown.parent_path() / body.substr(name, quote - name));
-    const std::string figure =
-        fmt::format("<figure>\n<img src=\"{}{}\n<figcaption>{}</figcaption>\n</figure>",
-                    data_uri("image/svg+xml", marks_as_paths(svg)),
-                    body.substr(quote, image_end - quote), body.substr(caption, end - caption));
+    const std::string figure = fmt::format(
+        "<figure{}>\n<img src=\"{}{}\n<figcaption>{}</figcaption>\n</figure>",
+        is_tall(svg) ? " class=\"tall\"" : "", data_uri("image/svg+xml", marks_as_paths(svg)),
+        body.substr(quote, image_end - quote), body.substr(caption, end - caption));
     body.replace(at, end + 4 - at, figure);
     at += figure.size();
   }

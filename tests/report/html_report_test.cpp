@@ -112,15 +112,18 @@ TEST(WriteHtml, PutsFiguresWithOneCaptionIntoThePage) {
 TEST(PageForPaper, HasFiguresAsImagesUnfoldedWithoutScriptOrLinksToFiles) {
   TemporaryFolder folder;
   std::filesystem::create_directories(folder / "figures");
-  write_atomically(folder / "figures/two.svg", "<svg/>");
+  write_atomically(folder / "figures/two.svg", "<svg viewBox=\"0 0 9 9\"/>");
   write_atomically(folder / "report.md",
                    "# Title\n\n## Figures\n\n![Two points](figures/two.svg)\n\nTheir *caption* "
                    "([data](figures/two.csv))\n\n[above](#title), [paper](https://doi.org/1)\n\n"
                    "<details><summary>More</summary>\n\ntext\n\n</details>\n");
   const std::string page = page_for_paper(folder / "report.md");
-  EXPECT_THAT(page, HasSubstr("<figure>\n<img src=\"data:image/svg+xml;base64,PHN2Zy8+\" alt=\"Two "
-                              "points\">\n<figcaption>Their <em>caption</em> "
-                              "(<a>data</a>)</figcaption>\n</figure>"));
+  EXPECT_THAT(
+      page,
+      HasSubstr("<figure class=\"tall\">\n<img "
+                "src=\"data:image/svg+xml;base64,PHN2ZyB2aWV3Qm94PSIwIDAgOSA5Ii8+\" alt=\"Two "
+                "points\">\n<figcaption>Their <em>caption</em> "
+                "(<a>data</a>)</figcaption>\n</figure>"));
   EXPECT_THAT(page, AllOf(HasSubstr("<a href=\"#title\">above"),
                           HasSubstr("<a href=\"https://doi.org/1\">paper"),
                           HasSubstr("<details open><summary>More"), Not(HasSubstr("<script"))));
