@@ -10,7 +10,7 @@ namespace turntable {
 namespace {
 
 /// Squared: four standard deviations between the best pose and a rival.
-constexpr double kMargin = 16.0;
+constexpr double kMisfitMargin = 16.0;
 /// Two refinements that end this near each other are one pose, rad.
 constexpr double kSamePose = 1e-5;
 
@@ -102,9 +102,9 @@ Ranking rank(std::span<const RayEnd> ends, double dof) {
       ranking.rival = c;
   if (!ranking.has_rival() || best.status != SolveStatus::kConverged) return ranking;
   const double other = ends[ranking.rival].misfit;
-  const bool told_apart = dof > 0.0
-                              ? other - best.misfit >= kMargin * std::max(1.0, best.misfit / dof)
-                              : other >= kMargin * best.misfit;
+  const bool told_apart =
+      dof > 0.0 ? other - best.misfit >= kMisfitMargin * std::max(1.0, best.misfit / dof)
+                : other >= kMisfitMargin * best.misfit;
   if (!told_apart) ranking.status = SolveStatus::kAmbiguous;
   return ranking;
 }

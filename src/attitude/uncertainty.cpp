@@ -60,14 +60,14 @@ Linearised linearise(const TargetModel& target, const Observation& observation, 
 }
 
 /// As in ml_ray.h: what keeps T_z where parallel rays know nothing of it.
-constexpr double kRidge = 1e-13;
+constexpr double kHeightRidge = 1e-13;
 
 /// (J^T J)^-1 of (delta, T), lengths of one size inside.
 Matrix6d inverse_information(const Linearised& at, double radius_mm) {
   Eigen::Matrix<double, 6, 1> size = Eigen::Matrix<double, 6, 1>::Ones();
   size.head<3>().setConstant(1.0 / radius_mm);
   Matrix6d N = size.asDiagonal() * Matrix6d(at.J.transpose().lazyProduct(at.J)) * size.asDiagonal();
-  N(5, 5) += kRidge * N(4, 4);
+  N(5, 5) += kHeightRidge * N(4, 4);
   return size.asDiagonal() * inverse_of_information(N) * size.asDiagonal();
 }
 

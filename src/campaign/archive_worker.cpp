@@ -13,10 +13,6 @@
 namespace turntable {
 namespace {
 
-double wall_s() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
-
 struct Prepared {
   std::vector<StagedFile> files;
   bool failed = false;  ///< an axis missed its target, or the target was not seen
@@ -116,14 +112,15 @@ void ArchiveWorker::run() {
     changed_.notify_all();
     lock.unlock();
     std::exception_ptr failure;
-    const double begin = wall_s();
+    const auto begin = std::chrono::steady_clock::now();
     try {
       process(jobs);
     } catch (...) {
       failure = std::current_exception();
     }
     lock.lock();
-    tally_.busy_s += wall_s() - begin;
+    tally_.busy_s +=
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     working_ = false;
     changed_.notify_all();
     if (failure) {

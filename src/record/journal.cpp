@@ -40,7 +40,7 @@ double monotonic_s() {
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
-[[noreturn]] void fail(const std::filesystem::path& file, const char* what, int error) {
+[[noreturn]] void fail_recording(const std::filesystem::path& file, const char* what, int error) {
   throw RecordError(fmt::format("{}: {} failed: {}. What was recorded before is safe.",
                                 file.string(), what, std::strerror(error)));
 }
@@ -67,7 +67,7 @@ std::string check_line(std::string_view line, std::uint64_t expected_seq, Json& 
 
 Journal::Journal(std::filesystem::path file) : file_(std::move(file)) {
   fd_ = ::open(file_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0644);
-  if (fd_ < 0) fail(file_, "creating the journal", errno);
+  if (fd_ < 0) fail_recording(file_, "creating the journal", errno);
   sync_folder(file_.parent_path());
 }
 
@@ -76,7 +76,7 @@ Journal::Journal(std::filesystem::path file, const JournalReadout& readout)
       next_seq_(readout.next_seq),
       size_(static_cast<std::int64_t>(readout.valid_bytes)) {
   fd_ = ::open(file_.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC);
-  if (fd_ < 0) fail(file_, "opening the journal", errno);
+  if (fd_ < 0) fail_recording(file_, "opening the journal", errno);
   const off_t found = ::lseek(fd_, 0, SEEK_END);
   if (found < size_ || (!readout.torn && found > size_)) {
     ::close(fd_);
@@ -86,7 +86,7 @@ Journal::Journal(std::filesystem::path file, const JournalReadout& readout)
   if (found > size_ && ::ftruncate(fd_, size_) != 0) {
     const int error = errno;
     ::close(fd_);
-    fail(file_, "cutting off its torn last line", error);
+    fail_recording(file_, "cutting off its torn last line", error);
   }
 }
 
@@ -111,14 +111,14 @@ void Journal::append(std::string_view name, const Json& doc) {
     // says so.
     if (written > 0) [[maybe_unused]]
       const int ignored = ::ftruncate(fd_, size_);
-    fail(file_, "writing", error);
+    fail_recording(file_, "writing", error);
   }
   size_ += static_cast<std::int64_t>(line.size());
   ++next_seq_;
 }
 
 void Journal::sync() {
-  if (::fdatasync(fd_) != 0) fail(file_, "syncing", errno);
+  if (::fdatasync(fd_) != 0) fail_recording(file_, "syncing", errno);
 }
 
 JournalReadout read_journal(const std::filesystem::path& file,

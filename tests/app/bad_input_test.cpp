@@ -11,8 +11,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-const fs::path kScenarios = fs::path(TURNTABLE_SOURCE_DIR) / "scenarios";
-
 std::string edited(const fs::path& file, const std::string& from, const std::string& to) {
   std::string text = slurp(file);
   const auto at = text.find(from);

@@ -13,6 +13,9 @@
 
 namespace turntable {
 
+inline const std::filesystem::path kScenarios =
+    std::filesystem::path(TURNTABLE_SOURCE_DIR) / "scenarios";
+
 struct Outcome {
   int code = -1;
   std::string output;  ///< stdout and stderr

@@ -13,8 +13,6 @@ namespace fs = std::filesystem;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-const fs::path kScenarios = fs::path(TURNTABLE_SOURCE_DIR) / "scenarios";
-
 void replace(std::string& text, const std::string& from, const std::string& to) {
   const auto at = text.find(from);
   ASSERT_NE(at, std::string::npos) << "no " << from;

@@ -36,8 +36,6 @@ namespace {
 using problems::Lens;
 using problems::Problem;
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-
 class SolverLaw : public ::testing::TestWithParam<Solver> {
  protected:
   const Solver& solver() const { return GetParam(); }
@@ -287,7 +285,8 @@ TEST_P(SolverLaw, many_at_once_come_out_as_one_at_a_time) {
   for (int draw = 0; draw < 600; ++draw) {  // more than one piece of work, the last one not full
     problems.push_back(problems::random_problem(random, target()));
     problems::add_noise(problems.back(), 0.5, random);
-    if (draw % 7 == 0) problems.back().rays[0].at_a.x() = problems.back().normalised[0].x() = kNaN;
+    if (draw % 7 == 0)
+      problems.back().rays[0].at_a.x() = problems.back().normalised[0].x() = Solution::kNaN;
   }
   std::vector<Observation> observations;
   for (const Problem& problem : problems) observations.push_back(problem.observation());
@@ -428,7 +427,7 @@ TEST_P(SolverLaw, sightings_on_one_line_are_degenerate) {
 TEST_P(SolverLaw, nan_and_infinity_are_invalid_wherever_they_stand) {
   const Problem good =
       problems::make(problems::published_target(), Matrix3d::Identity(), {5, 9, 150});
-  for (const double bad : {kNaN, std::numeric_limits<double>::infinity()})
+  for (const double bad : {Solution::kNaN, std::numeric_limits<double>::infinity()})
     for (std::size_t t = 0; t < 4; ++t)
       for (const Eigen::Index axis : {0, 1})
         for (const bool on_b : {false, true}) {
@@ -566,7 +565,8 @@ TEST_P(RayLaw, planes_out_of_order_are_invalid) {
   const Problem problem =
       problems::make(problems::published_target(), Matrix3d::Identity(), {5, 9, 150});
   const TargetModel target(problem.target_mm);
-  for (const RayPlanes planes : {RayPlanes{180, 130}, RayPlanes{130, 130}, RayPlanes{kNaN, 180}})
+  for (const RayPlanes planes :
+       {RayPlanes{180, 130}, RayPlanes{130, 130}, RayPlanes{Solution::kNaN, 180}})
     EXPECT_EQ(status_name(solver()(target, {problem.rays, planes, {}}).status), "invalid_input");
 }
 

@@ -20,7 +20,7 @@
 namespace turntable {
 namespace {
 
-constexpr ImageSize kSize{1024, 1024};
+constexpr ImageSize kImageSize{1024, 1024};
 
 struct TrueView {
   FreeView view;
@@ -101,7 +101,8 @@ TEST(FreeViews, TrueRaysComeBackUpToARigidMotion) {
   const double noise_px = 0.02;
   for (const double step_mm : {0.0, 15.0}) {  // a planar target, and one that is not
     SCOPED_TRACE(step_mm);
-    const FreeViewsFit fit = fit_rays(seen(hand_held(12, noise_px, 1, 35.0, step_mm)), kSize, 5);
+    const FreeViewsFit fit =
+        fit_rays(seen(hand_held(12, noise_px, 1, 35.0, step_mm)), kImageSize, 5);
     EXPECT_TRUE(fit.converged);
     EXPECT_TRUE(fit.outliers.empty());
     EXPECT_NEAR(fit.sigma_px, noise_px, 0.05 * noise_px);
@@ -120,10 +121,10 @@ TEST(FreeViews, TrueRaysComeBackUpToARigidMotion) {
 TEST(FreeViews, ErrorOfHeldOutViewsFallsWithTheOrder) {
   const auto views = seen(hand_held(12, 0.0, 1));
   const auto others = hand_held(6, 0.0, 2);
-  const CentralFit central = fit_central(views, kSize);
+  const CentralFit central = fit_central(views, kImageSize);
   EXPECT_TRUE(central.converged);
   const auto error_px = [&](int order) {
-    return hold_out(fit_rays(views, kSize, order, central.poses).model, others).rms_px;
+    return hold_out(fit_rays(views, kImageSize, order, central.poses).model, others).rms_px;
   };
   EXPECT_LT(error_px(3), 0.05);
   EXPECT_LT(error_px(5), 0.001);
@@ -132,14 +133,14 @@ TEST(FreeViews, ErrorOfHeldOutViewsFallsWithTheOrder) {
 
 TEST(FreeViews, FrameStaysWhereTheStartPutIt) {
   const auto views = seen(hand_held(8, 0.02, 1));
-  std::vector<ViewPose> start = fit_central(views, kSize).poses;
+  std::vector<ViewPose> start = fit_central(views, kImageSize).poses;
   const Matrix3d turn = rotation_from_vector(Vector3d(0.0, 0.0, 0.2));
   const Vector3d move(10.0, -20.0, 30.0);
   for (ViewPose& pose : start) {
     pose.R_plane_from_target = turn * pose.R_plane_from_target;
     pose.position_mm = turn * pose.position_mm + move;
   }
-  const FreeViewsFit fit = fit_rays(views, kSize, 5, start);
+  const FreeViewsFit fit = fit_rays(views, kImageSize, 5, start);
   EXPECT_TRUE(fit.converged);
   Vector3d turns = Vector3d::Zero(), moves = Vector3d::Zero();
   for (std::size_t k = 0; k < start.size(); ++k) {
@@ -156,7 +157,7 @@ TEST(FreeViews, DisplacedPointsAreLeftOut) {
   auto views = seen(hand_held(8, 0.02, 1));
   views[2].pixels_px[17].x() += 1.0;
   views[5].pixels_px[3].y() -= 20.0;
-  const FreeViewsFit fit = fit_rays(views, kSize, 5);
+  const FreeViewsFit fit = fit_rays(views, kImageSize, 5);
   ASSERT_EQ(fit.outliers.size(), 2u);
   EXPECT_EQ(fit.outliers[0].view, 5u);  // the worst first
   EXPECT_EQ(fit.outliers[0].point, 3u);
@@ -167,27 +168,27 @@ TEST(FreeViews, DisplacedPointsAreLeftOut) {
 
 TEST(FreeViews, ViewsAtOneTiltAreRefused) {
   for (const double tilt_deg : {0.0, 1.0})
-    EXPECT_THROW(fit_rays(seen(hand_held(8, 0.02, 1, tilt_deg)), kSize, 3), Error) << tilt_deg;
-  EXPECT_NO_THROW(fit_rays(seen(hand_held(8, 0.02, 1, 10.0)), kSize, 3));
+    EXPECT_THROW(fit_rays(seen(hand_held(8, 0.02, 1, tilt_deg)), kImageSize, 3), Error) << tilt_deg;
+  EXPECT_NO_THROW(fit_rays(seen(hand_held(8, 0.02, 1, 10.0)), kImageSize, 3));
 }
 
 TEST(FreeViews, TooLittleIsRefused) {
   auto views = seen(hand_held(4, 0.02, 1));
-  EXPECT_THROW(fit_rays(views, kSize, 0), Error);
-  EXPECT_THROW(fit_rays(views, kSize, 10), Error);
-  EXPECT_THROW(fit_rays(std::vector(views.begin(), views.begin() + 2), kSize, 3), Error);
+  EXPECT_THROW(fit_rays(views, kImageSize, 0), Error);
+  EXPECT_THROW(fit_rays(views, kImageSize, 10), Error);
+  EXPECT_THROW(fit_rays(std::vector(views.begin(), views.begin() + 2), kImageSize, 3), Error);
   for (FreeView& view : views) {
     view.on_target_mm.resize(20);
     view.pixels_px.resize(20);
   }
-  EXPECT_THROW(fit_rays(views, kSize, 5), Error);
+  EXPECT_THROW(fit_rays(views, kImageSize, 5), Error);
   views[1].on_target_mm.resize(5);
   views[1].pixels_px.resize(5);
-  EXPECT_THROW(fit_central(views, kSize), Error);
+  EXPECT_THROW(fit_central(views, kImageSize), Error);
 }
 
 TEST(FreeViews, PoseOfPointsOnALineDoesNotConverge) {
-  const FreeViewsFit fit = fit_rays(seen(hand_held(8, 0.02, 1)), kSize, 5);
+  const FreeViewsFit fit = fit_rays(seen(hand_held(8, 0.02, 1)), kImageSize, 5);
   const TrueView whole = hand_held(1, 0.0, 2)[0];
   ViewPose start = fit_pose(fit.model, whole.view);
   EXPECT_TRUE(start.converged);

@@ -36,13 +36,13 @@ distortion_coefficients: !!opencv-matrix
 avg_reprojection_error: 3.8441890283270341e-01
 )";
 
-std::string replaced(std::string text, const std::string& from, const std::string& to) {
+std::string exchanged(std::string text, const std::string& from, const std::string& to) {
   const auto at = text.find(from);
   EXPECT_NE(at, std::string::npos) << from;
   return text.replace(at, from.size(), to);
 }
 
-CentralModel model_of(CentralKind kind) {
+CentralModel model_of_kind(CentralKind kind) {
   CentralModel m;
   m.kind = kind;
   m.fx = 1945.0 + 1.0 / 3.0;
@@ -73,7 +73,7 @@ TEST(OpenCvYaml, ReadsWhatOpenCvsCalibrationSampleWrites) {
 
 TEST(OpenCvYaml, EveryModelComesBackToTheLastDigit) {
   for (const CentralKind kind : kCentralKinds) {
-    const CentralModel m = model_of(kind);
+    const CentralModel m = model_of_kind(kind);
     const std::string text = to_opencv_yaml(m);
     const CentralModel back = parse_opencv_yaml(text, "camera.yml");
     EXPECT_EQ(back.kind, kind);
@@ -121,7 +121,7 @@ TEST(OpenCvYaml, DamagedFilesAreRefusedWithTheKey) {
         {"%YAML:1.0\n---\n", "", ""},
         {"calibration_time: \"", "calibration_time: [", ""}}) {
     try {
-      parse_opencv_yaml(replaced(kSample, from, to), "camera.yml");
+      parse_opencv_yaml(exchanged(kSample, from, to), "camera.yml");
       ADD_FAILURE() << "accepted " << to << " for " << from;
     } catch (const ConfigError& e) {
       EXPECT_EQ(e.pointer(), pointer) << e.what();
@@ -137,7 +137,7 @@ TEST(OpenCvYaml, AnImportedCameraIsARayModelWithinAThousandthOfAPixel) {
   const RayPlanes planes{-570, -520};
   int last_order = 0;
   for (const CentralKind kind : {CentralKind::kPinhole, CentralKind::kBrown}) {
-    CentralModel m = model_of(kind);
+    CentralModel m = model_of_kind(kind);
     m.centre_mm = {1, 2, 700};  // no part of an imported camera, nor is the lean
     m.lean = {0.01, 0.02};
     const Calibration c = calibration_from_central(m, planes, "camera.yml");
@@ -163,7 +163,7 @@ TEST(OpenCvYaml, AnImportedCameraIsARayModelWithinAThousandthOfAPixel) {
 }
 
 TEST(OpenCvYaml, ThePinholeBesideADistortedCameraIsTheNearestOne) {
-  const CentralModel m = model_of(CentralKind::kBrown);
+  const CentralModel m = model_of_kind(CentralKind::kBrown);
   const Calibration c = calibration_from_central(m, {-570, -520}, "camera.yml");
   const CentralModel* pinhole = c.find_central("pinhole");
   ASSERT_NE(pinhole, nullptr);
@@ -187,7 +187,7 @@ TEST(OpenCvYaml, ThePinholeBesideADistortedCameraIsTheNearestOne) {
 }
 
 TEST(OpenCvYaml, PlanesBehindTheCameraAndPixelsWithoutARayAreRefused) {
-  CentralModel m = model_of(CentralKind::kBrown);
+  CentralModel m = model_of_kind(CentralKind::kBrown);
   EXPECT_THROW(calibration_from_central(m, {130, 180}, "camera.yml"), ConfigError);
   EXPECT_THROW(calibration_from_central(m, {-520, -570}, "camera.yml"), ConfigError);
   m.distortion = {-3.0, 0, 0, 0, 0};
@@ -196,7 +196,7 @@ TEST(OpenCvYaml, PlanesBehindTheCameraAndPixelsWithoutARayAreRefused) {
 
 TEST(MonomialTable, CsvIsTheSameCameraAndLatexHasARowPerTerm) {
   const Calibration c =
-      calibration_from_central(model_of(CentralKind::kBrown), {-570, -520}, "camera.yml");
+      calibration_from_central(model_of_kind(CentralKind::kBrown), {-570, -520}, "camera.yml");
   const Eigen::MatrixX4d monomials = c.irt.monomials(VDirection::kDown);
   const std::vector<MonomialTable> tables{{"ours", c.irt.order(), monomials}};
   const std::string csv = monomials_to_csv(tables);

@@ -2,21 +2,16 @@
 
 #include <gtest/gtest.h>
 
-#include <array>
 #include <string>
 
 #include "src/core/errors.h"
+#include "tests/protocols/read_text.h"
 #include "tests/support/wire_record.h"
 
 namespace turntable {
 namespace {
 
 using std::chrono::milliseconds;
-
-std::string read_text(Line& line, Clock& clock, Time deadline) {
-  std::array<char, 64> buffer;
-  return {buffer.data(), line.read(buffer, clock, deadline)};
-}
 
 TEST(Line, CarriesBytesBothWays) {
   ManualClock clock;

@@ -8,17 +8,13 @@
 #include <string>
 
 #include "src/core/errors.h"
+#include "tests/protocols/read_text.h"
 #include "tests/support/temporary_folder.h"
 
 namespace turntable {
 namespace {
 
 using std::chrono::milliseconds;
-
-std::string read_text(Line& line, Clock& clock) {
-  std::array<char, 64> buffer;
-  return {buffer.data(), line.read(buffer, clock, clock.now() + milliseconds{1000})};
-}
 
 TEST(Serial, PassesEveryByteThroughAPtyUnchanged) {
   SystemClock clock;

@@ -2,20 +2,15 @@
 
 #include <gtest/gtest.h>
 
-#include <array>
 #include <string>
 
 #include "src/core/errors.h"
+#include "tests/protocols/read_text.h"
 
 namespace turntable {
 namespace {
 
 using std::chrono::milliseconds;
-
-std::string read_text(Line& line, Clock& clock) {
-  std::array<char, 64> buffer;
-  return {buffer.data(), line.read(buffer, clock, clock.now() + milliseconds{1000})};
-}
 
 TEST(Tcp, CarriesBytesBetweenAClientAndAListener) {
   SystemClock clock;

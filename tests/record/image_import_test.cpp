@@ -20,7 +20,7 @@ using ::testing::IsEmpty;
 
 constexpr ImageSize kSize{37, 29};
 
-Image noisy() { return blobs(kSize, {{20, 12, 2, 200}}, 30, 9, draws_of_this_test()); }
+Image noisy_frame() { return blobs(kSize, {{20, 12, 2, 200}}, 30, 9, draws_of_this_test()); }
 
 /// As another program would save it: grey, the same grey as colour, or as 16 bits.
 cv::Mat grey_pixels(Image& image) {
@@ -38,7 +38,7 @@ cv::Mat deep_pixels(Image& image) {
   return deep;
 }
 
-std::string complaint_about(const std::filesystem::path& file) {
+std::string import_complaint(const std::filesystem::path& file) {
   try {
     import_image(file);
     return "none";
@@ -98,7 +98,7 @@ class ImportImage : public ::testing::Test {
     for (std::size_t length = 0; length < size;
          length = length < tail ? std::min(length + size / 23, tail) : length + 1) {
       spill(folder / "cut", std::string_view(bytes).substr(0, length));
-      if (complaint_about(folder / "cut") == "none" &&
+      if (import_complaint(folder / "cut") == "none" &&
           import_image(folder / "cut").pixels != whole.pixels)
         accepted.push_back(length);
     }
@@ -110,7 +110,7 @@ class ImportImage : public ::testing::Test {
 };
 
 TEST_F(ImportImage, GivesBackEveryPixelOfEveryLosslessFormatGreyColourOr16Bit) {
-  Image image = noisy();
+  Image image = noisy_frame();
   for (const char* extension : {"png", "bmp", "tif", "pgm", "ppm"})
     for (const cv::Mat& pixels : {grey_pixels(image), colour_pixels(image), deep_pixels(image)}) {
       const std::string kind(extension);
@@ -134,19 +134,19 @@ TEST_F(ImportImage, ReadsJpegToWithinItsLoss) {
 }
 
 TEST_F(ImportImage, AgreesWithTheArchivesOwnReaderOnItsOwnFiles) {
-  spill(folder / "a.png", encode_png(noisy()));
+  spill(folder / "a.png", encode_png(noisy_frame()));
   EXPECT_EQ(import_image(folder / "a.png").pixels, load_image(folder / "a.png").pixels);
 }
 
 TEST_F(ImportImage, GoesByContentAndNotByName) {
-  Image image = noisy();
+  Image image = noisy_frame();
   cv::imwrite((folder / "a.bmp").string(), grey_pixels(image));
   std::filesystem::rename(folder / "a.bmp", folder / "a.png");
   EXPECT_EQ(import_image(folder / "a.png").pixels, image.pixels);
 }
 
 TEST_F(ImportImage, RefusesAFileCutOffAnywhereInEveryFormat) {
-  Image image = noisy();
+  Image image = noisy_frame();
   for (const char* name : {"a.png", "a.bmp", "a.tif", "a.pgm", "a.jpg"}) {
     cv::imwrite((folder / name).string(), grey_pixels(image));
     expect_no_cut_is_accepted(folder / name);
@@ -169,7 +169,7 @@ TEST_F(ImportImage, RefusesAFileCutOffAnywhereInEveryFormat) {
 }
 
 TEST_F(ImportImage, IsNotDeceivedByThePreviewInsideAJpeg) {
-  Image image = noisy();
+  Image image = noisy_frame();
   cv::imwrite((folder / "a.jpg").string(), grey_pixels(image));
   const std::string jpeg = slurp(folder / "a.jpg");
   const std::string preview = std::string("preview\0", 8) + jpeg;
@@ -183,28 +183,28 @@ TEST_F(ImportImage, IsNotDeceivedByThePreviewInsideAJpeg) {
 }
 
 TEST_F(ImportImage, RefusesAFlippedBitInAColourPng) {
-  Image image = noisy();
+  Image image = noisy_frame();
   cv::imwrite((folder / "a.png").string(), colour_pixels(image));
   std::string bytes = slurp(folder / "a.png");
   bytes[bytes.size() / 2] = static_cast<char>(bytes[bytes.size() / 2] ^ 0x10);
   spill(folder / "a.png", bytes);
-  EXPECT_THAT(complaint_about(folder / "a.png"), HasSubstr("damaged"));
+  EXPECT_THAT(import_complaint(folder / "a.png"), HasSubstr("damaged"));
 }
 
 TEST_F(ImportImage, RefusesTwelveBitsStoredUnshifted) {
   cv::imwrite((folder / "a.tif").string(), cv::Mat(8, 8, CV_16UC1, cv::Scalar(4095)));
-  EXPECT_THAT(complaint_about(folder / "a.tif"),
+  EXPECT_THAT(import_complaint(folder / "a.tif"),
               AllOf(HasSubstr("at most 4095"), HasSubstr("Scale")));
 }
 
 TEST_F(ImportImage, RefusesWhatIsNoImageOrHasOtherPixels) {
   spill(folder / "text.png", "not an image");
-  EXPECT_THAT(complaint_about(folder / "text.png"), HasSubstr("Allowed: PNG, BMP"));
+  EXPECT_THAT(import_complaint(folder / "text.png"), HasSubstr("Allowed: PNG, BMP"));
   spill(folder / "empty.png", "");
-  EXPECT_THAT(complaint_about(folder / "empty.png"), HasSubstr("empty"));
-  EXPECT_THAT(complaint_about(folder / "missing.png"), HasSubstr("cannot be read"));
+  EXPECT_THAT(import_complaint(folder / "empty.png"), HasSubstr("empty"));
+  EXPECT_THAT(import_complaint(folder / "missing.png"), HasSubstr("cannot be read"));
   cv::imwrite((folder / "float.tif").string(), cv::Mat(8, 8, CV_32FC1, cv::Scalar(0.5)));
-  EXPECT_THAT(complaint_about(folder / "float.tif"), HasSubstr("neither 8-bit nor 16-bit"));
+  EXPECT_THAT(import_complaint(folder / "float.tif"), HasSubstr("neither 8-bit nor 16-bit"));
 }
 
 }  // namespace
