@@ -109,10 +109,10 @@ bool is_whole_pdf(const fs::path& file) {
 std::optional<std::string> print_pdf(std::string_view page, const fs::path& pdf) {
   std::string pattern = (temporary_files() / "turntable-print-XXXXXX").string();
   if (::mkdtemp(pattern.data()) == nullptr)
-    throw RecordError(
-        fmt::format("{}: no temporary folder can be made there: {}. Make room, or name another "
-                    "place in TMPDIR.",
-                    temporary_files().string(), std::strerror(errno)));
+    return fmt::format(
+        "The report was not printed: {}: no temporary folder can be made there: {}. Make room, or "
+        "name another place in TMPDIR.",
+        temporary_files().string(), std::strerror(errno));
   struct Remove {
     fs::path folder;
     ~Remove() {
@@ -121,7 +121,11 @@ std::optional<std::string> print_pdf(std::string_view page, const fs::path& pdf)
     }
   } const profile{pattern};
   const fs::path printed = profile.folder / "report.pdf", html = profile.folder / "report.html";
-  write_atomically(html, page);
+  try {
+    write_atomically(html, page);
+  } catch (const RecordError& e) {
+    return fmt::format("The report was not printed: {} Or name another place in TMPDIR.", e.what());
+  }
 
   std::vector<std::string> options{"--headless",
                                    "--disable-gpu",

@@ -162,5 +162,17 @@ TEST(PrintPdf, SaysWhatIsMissingWithoutChromium) {
   EXPECT_FALSE(std::filesystem::exists(folder / "page.pdf"));
 }
 
+TEST(PrintPdf, SaysWhereThereIsNoRoom) {
+  TemporaryFolder folder;
+  const char* const before = std::getenv("TMPDIR");
+  const std::string kept = before == nullptr ? "" : before;
+  ::setenv("TMPDIR", "/proc", 1);
+  const auto trouble = print_pdf("<!doctype html><title>t</title><p>text</p>", folder / "page.pdf");
+  before == nullptr ? ::unsetenv("TMPDIR") : ::setenv("TMPDIR", kept.c_str(), 1);
+  ASSERT_TRUE(trouble.has_value());
+  EXPECT_THAT(*trouble, AllOf(HasSubstr("not printed"), HasSubstr("TMPDIR")));
+  EXPECT_FALSE(std::filesystem::exists(folder / "page.pdf"));
+}
+
 }  // namespace
 }  // namespace turntable
