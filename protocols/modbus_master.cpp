@@ -15,7 +15,7 @@ namespace {
 
 using std::chrono::milliseconds;
 
-constexpr Time kPatience = milliseconds{20};
+constexpr Time kBusSlice = milliseconds{20};
 constexpr Time kQuiet = milliseconds{50};  // after trouble: nothing more comes
 constexpr Time kUrgentQuiet = milliseconds{5};
 constexpr Time kSettleMost = milliseconds{300};
@@ -214,7 +214,7 @@ std::string ModbusMaster::exchange(const std::string& pdu, int slave, std::size_
                       slave, function, word_at(pdu, 1), code),
           code);
     }
-    const Time slice = give_way_ ? std::min(deadline, clock_->now() + kPatience) : deadline;
+    const Time slice = give_way_ ? std::min(deadline, clock_->now() + kBusSlice) : deadline;
     if (clock_->wait_readable(line_.descriptor(), slice)) continue;
     if (clock_->now() >= deadline) break;
     if (give_way_()) throw GaveWay(fmt::format("{}: an exchange gave way to a stop", line_.name()));

@@ -1,7 +1,6 @@
 // "turntable report A B": two runs side by side, from what is stored of them.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
@@ -12,8 +11,6 @@
 #include "src/evaluation/run_comparison.h"
 #include "src/record/sha256.h"
 #include "src/report/compare_report.h"
-#include "src/report/html_report.h"
-#include "src/report/pdf.h"
 
 namespace turntable {
 namespace {
@@ -101,14 +98,7 @@ int compare_command(const ReportArguments& a) {
                c.scenario, c.solver->name, c.first_rmse_deg, c.other_rmse_deg, c.change_deg.value,
                c.change_deg.interval.lower, c.change_deg.interval.upper,
                change_verdict_name(c.verdict()));
-  if (!a.no_pdf) {
-    fs::path pdf = page;
-    pdf.replace_extension(".pdf");
-    if (const auto trouble = print_pdf(page_for_paper(out / "comparison.md"), pdf))
-      spdlog::warn("{}", *trouble);
-    else
-      fmt::print("printed: {}\n", pdf.string());
-  }
+  renew_pdf(out / "comparison.md", !a.no_pdf);
   fmt::print("comparison: {}\n", page.string());
   return kDone;
 }

@@ -17,7 +17,14 @@ namespace fs = std::filesystem;
 using OrderedJson = nlohmann::ordered_json;
 
 void require_new_file(const fs::path& file, const char* option) {
-  if (!file.empty() && fs::exists(file))
+  if (file.empty()) return;
+  if (!fs::is_directory(fs::absolute(file).parent_path()))
+    throw ConfigError(
+        option, "",
+        fmt::format("found {}, allowed: a new file in a folder that is there. Make the folder "
+                    "first, or name another one.",
+                    file.string()));
+  if (fs::exists(file))
     throw ConfigError(
         option, "",
         fmt::format("found {}, which exists, allowed: a new file. Name another one, or "

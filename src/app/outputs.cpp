@@ -170,6 +170,18 @@ Results make_results(const RunFolder& folder, OutputOptions options) {
   return out;
 }
 
+void renew_pdf(const fs::path& markdown, bool wanted) {
+  fs::path pdf = markdown;
+  pdf.replace_extension(".pdf");
+  std::error_code ignored;
+  fs::remove(pdf, ignored);
+  if (!wanted) return;
+  if (const auto trouble = print_pdf(page_for_paper(markdown), pdf))
+    spdlog::warn("{}", *trouble);
+  else
+    fmt::print("printed: {}\n", pdf.string());
+}
+
 int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrite) {
   const Results made = make_results(folder, options);
   const Plan& plan = made.record.plan;
@@ -218,16 +230,7 @@ int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrit
     spdlog::warn("{} results failed; poses.csv and report.md say which and why.", failed);
   if (made.rig.simulated())
     fmt::print("These results are simulated (seed {}).\n", made.rig.simulation->seed);
-  fs::path pdf = report;
-  pdf.replace_extension(".pdf");
-  std::error_code ignored;
-  fs::remove(pdf, ignored);
-  if (options.pdf) {
-    if (const auto trouble = print_pdf(page_for_paper(folder.report()), pdf))
-      spdlog::warn("{}", *trouble);
-    else
-      fmt::print("printed: {}\n", pdf.string());
-  }
+  renew_pdf(folder.report(), options.pdf);
   fmt::print("report: {}\n", report.string());
   return failed > 0 ? kFailedPoses : kDone;
 }

@@ -42,6 +42,10 @@ enum class Rewrite {
 /// earlier outputs is removed. That no PDF could be printed changes no exit code. @return exit code.
 int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrite);
 
+/// The PDF of a page and its Markdown, beside them: one of earlier outputs is removed; if it is wanted,
+/// prints it and says so, or warns why not. @throws ConfigError, RecordError.
+void renew_pdf(const std::filesystem::path& markdown, bool wanted);
+
 /// How the stored outputs were made: evaluation.json.
 struct EvaluationRecord {
   std::uint64_t journal_lines = 0;     ///< that poses.csv follows from

@@ -154,8 +154,10 @@ std::optional<std::string> print_pdf(std::string_view page, const fs::path& pdf)
     write_atomically(pdf, std::string(std::istreambuf_iterator<char>(in), {}));
     return {};
   }
-  return "Chromium is not there, which prints the report as PDF. Install it (Debian: "
-         "chromium-headless-shell), or print report.html from any browser.";
+  return fmt::format(
+      "Chromium is not there, which would print {}. Install it (Debian: "
+      "chromium-headless-shell), or print the page beside it from any browser.",
+      pdf.string());
 }
 
 }  // namespace turntable

@@ -63,6 +63,10 @@ TEST(Identify, PrintsTheRigAndWritesFilesThatNameTheRun) {
   EXPECT_NE(outcome.output.find("which exists"), std::string::npos) << outcome.output;
   EXPECT_EQ(slurp(rig_out), before);
 
+  outcome = identify(folder / "first", "--rig-out " + (folder / "nowhere/rig.json").string());
+  EXPECT_EQ(outcome.code, 2);
+  EXPECT_NE(outcome.output.find("in a folder that is there"), std::string::npos) << outcome.output;
+
   // And it serves as a rig file.
   outcome = turntable_program(quick + rig_out.string() + images + (folder / "second").string());
   EXPECT_EQ(outcome.code, 0) << outcome.output;

@@ -190,10 +190,13 @@ TEST_F(QuickRun, IsSetBesideAnotherOneWithWhatDiffers) {
   EXPECT_FALSE(fs::exists(other / "compare_run"));
   EXPECT_EQ(verb("verify " + run.string()).code, 0);
 
-  // With itself nothing differs.
+  // With itself nothing differs; a PDF of an earlier comparison goes, for it would tell of another.
+  fs::create_directories(folder / "itself");
+  spill(folder / "itself/comparison.pdf", "of before");
   const Outcome itself = verb("report " + run.string() + " " + run.string() + " --no-pdf --out " +
                               (folder / "itself").string());
   EXPECT_EQ(itself.code, 0) << itself.output;
+  EXPECT_FALSE(fs::exists(folder / "itself/comparison.pdf"));
   EXPECT_THAT(slurp(folder / "itself/comparison.md"), HasSubstr("Nothing: rig, scenarios"));
   EXPECT_THAT(itself.output, Not(HasSubstr("B is better")));
   EXPECT_THAT(itself.output, HasSubstr("B is the same within 1 %"));
