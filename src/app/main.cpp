@@ -169,7 +169,7 @@ int main(int argc, char** argv) {
                   "do not ask when the payload has to be changed");
   };
   const auto without_pdf = [](CLI::App& verb, bool& no_pdf) {
-    verb.add_flag("--no-pdf", no_pdf, "do not print report.html as report.pdf (with Chromium)")
+    verb.add_flag("--no-pdf", no_pdf, "do not print the page as PDF beside it (with Chromium)")
         ->envname("TURNTABLE_NO_PDF");
   };
   RunArguments run;

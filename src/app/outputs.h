@@ -43,7 +43,7 @@ enum class Rewrite {
 int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrite);
 
 /// The PDF of a page and its Markdown, beside them: one of earlier outputs is removed; if it is wanted,
-/// prints it and says so, or warns why not. @throws ConfigError, RecordError.
+/// prints it and says so, or warns why not. @throws ConfigError: Markdown or a picture cannot be read.
 void renew_pdf(const std::filesystem::path& markdown, bool wanted);
 
 /// How the stored outputs were made: evaluation.json.

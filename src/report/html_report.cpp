@@ -8,6 +8,7 @@
 #include <array>
 #include <charconv>
 #include <cstdio>
+#include <functional>
 #include <nlohmann/json.hpp>
 
 #include "report_assets.h"
@@ -266,29 +267,54 @@ class SvgInliner {
   bool linked_ = true;
 };
 
-/// Puts a picture and its caption where the Markdown has an image and a paragraph behind it.
-void insert_figure(std::string& body, const Figure& figure, const std::string& prefix,
-                   const fs::path& folder) {
-  const std::string image = fmt::format("<p><img src=\"figures/{}.svg\"", figure.name);
-  const std::size_t at = body.find(image);
-  if (at == std::string::npos) return;
-  const std::size_t caption = body.find("<p>", at + 3), end = body.find("</p>", caption);
-  if (caption == std::string::npos || end == std::string::npos) return;
-  const std::string_view text = std::string_view(body).substr(caption + 3, end - caption - 3);
-  const std::string html = fmt::format(
-      "<figure id=\"figure-{0}\">\n<div class=\"view\">{1}</div>\n<figcaption "
-      "id=\"caption-{0}\">{2}</figcaption>\n</figure>",
-      figure.name, inline_svg(read_text(folder / (figure.name + ".svg")), figure, prefix), text);
-  body.replace(at, end + 4 - at, html);
-}
-
-/// Whether a picture is nearly as high as it is wide: many panels, which half a page makes too small.
-bool is_tall(std::string_view svg) {
+/// The class of pictures that are nearly as high as wide: many panels, which half a page makes too small.
+std::string_view tall_class(std::string_view svg) {
   double left = 0, top = 0, width = 1, height = 0;
   const std::size_t begin = std::min(svg.find("<svg"), svg.size());
   const std::string box(attribute(svg.substr(begin, svg.find('>', begin) - begin), "viewBox"));
   std::sscanf(box.c_str(), "%lf %lf %lf %lf", &left, &top, &width, &height);
-  return height > 0.85 * width;
+  return height > 0.85 * width ? " class=\"tall\"" : "";
+}
+
+/// A figure as Markdown has it: an image and its caption, each a paragraph.
+struct PlainFigure {
+  std::string file;              ///< "figures/<name>.svg"
+  std::string_view alternative;  ///< "<text>"
+  std::string_view caption;      ///< HTML
+};
+
+/// Replaces every figure of a body by what `drawn` makes of it; nothing = it stays.
+void replace_figures(std::string& body,
+                     const std::function<std::string(const PlainFigure&)>& drawn) {
+  constexpr std::string_view kImage = "<p><img src=\"", kAlternative = "\" alt=\"",
+                             kBetween = "\"></p>\n<p>", kEnd = "</p>";
+  const std::string_view plain = body;
+  std::string out;
+  std::size_t done = 0;
+  for (std::size_t at = 0; (at = plain.find(kImage, at)) != std::string_view::npos;) {
+    const std::size_t begin = at;
+    const auto next = [&](std::string_view end) {
+      const std::size_t from = at, to = plain.find(end, from);
+      at = to == std::string_view::npos ? plain.size() : to + end.size();
+      return plain.substr(from, to - from);
+    };
+    at += kImage.size();
+    PlainFigure figure;
+    figure.file = next(kAlternative);
+    figure.alternative = next(kBetween);
+    figure.caption = next(kEnd);
+    if (figure.alternative.find('"') !=
+        std::string_view::npos) {  // of a later image: this has no caption
+      at = begin + kImage.size();
+      continue;
+    }
+    const std::string html = drawn(figure);
+    if (html.empty()) continue;
+    out.append(plain, done, begin - done).append(html);
+    done = at;
+  }
+  out.append(plain, done);
+  body = std::move(out);
 }
 
 /// The whole page. The first screen: all up to the sections, and what is in a report at a glance;
@@ -359,9 +385,19 @@ std::string markdown_to_html(std::string_view markdown) {
 fs::path write_html(const fs::path& markdown, const std::vector<Figure>& figures,
                     const Json* poses) {
   std::string body = markdown_to_html(read_text(markdown));
-  for (std::size_t i = 0; i < figures.size(); ++i)
-    if (figures[i].drawn)
-      insert_figure(body, figures[i], fmt::format("f{}-", i), markdown.parent_path() / "figures");
+  replace_figures(body, [&](const PlainFigure& plain) -> std::string {
+    for (std::size_t i = 0; i < figures.size(); ++i) {
+      if (!figures[i].drawn || plain.file != fmt::format("figures/{}.svg", figures[i].name))
+        continue;
+      const std::string svg = read_text(markdown.parent_path() / plain.file);
+      return fmt::format(
+          "<figure id=\"figure-{0}\"{1}>\n<div class=\"view\">{2}</div>\n<figcaption "
+          "id=\"caption-{0}\">{3}</figcaption>\n</figure>",
+          figures[i].name, tall_class(svg), inline_svg(svg, figures[i], fmt::format("f{}-", i)),
+          plain.caption);
+    }
+    return {};
+  });
   std::string data;
   if (poses != nullptr) {
     data = poses->dump(-1, ' ', false, Json::error_handler_t::replace);
@@ -385,22 +421,13 @@ std::string page_for_paper(const fs::path& markdown) {
     if (!target.starts_with("#") && !target.starts_with("http"))
       body.erase(at + 2, target.find('"') + kLink.size() - 1);
   }
-  // A figure is an image and a paragraph behind it.
-  constexpr std::string_view kImage = "<p><img src=\"", kBetween = "</p>\n<p>";
-  for (std::size_t at = 0; (at = body.find(kImage, at)) != std::string::npos;) {
-    const std::size_t name = at + kImage.size(), quote = body.find('"', name),
-                      image_end = body.find("</p>", quote), caption = image_end + kBetween.size(),
-                      end = body.find("</p>", caption);
-    if (body.compare(image_end, kBetween.size(), kBetween) != 0)
-      throw std::logic_error("a figure has no caption");
-    const std::string svg = read_text(markdown.parent_path() / body.substr(name, quote - name));
-    const std::string figure = fmt::format(
-        "<figure{}>\n<img src=\"{}{}\n<figcaption>{}</figcaption>\n</figure>",
-        is_tall(svg) ? " class=\"tall\"" : "", data_uri("image/svg+xml", marks_as_paths(svg)),
-        body.substr(quote, image_end - quote), body.substr(caption, end - caption));
-    body.replace(at, end + 4 - at, figure);
-    at += figure.size();
-  }
+  replace_figures(body, [&](const PlainFigure& figure) {
+    const std::string svg = read_text(markdown.parent_path() / figure.file);
+    return fmt::format(
+        "<figure{}>\n<img src=\"{}\" alt=\"{}\">\n<figcaption>{}</figcaption>\n</figure>",
+        tall_class(svg), data_uri("image/svg+xml", marks_as_paths(svg)), figure.alternative,
+        figure.caption);
+  });
   return document(std::move(body), "");
 }
 

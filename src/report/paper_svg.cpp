@@ -102,7 +102,7 @@ std::string marks_as_paths(std::string_view svg) {
     const double half = number(open->scale);
     if (shape->drawn == Shape::kDot)
       out += fmt::format("' stroke='{}' stroke-width='{:.2f}' stroke-linecap='round'/>\n",
-                         open->colour, 2 * half);
+                         open->colour, (2 + width) * half);
     else
       out += fmt::format("' stroke='{0}' stroke-width='{1:.3f}' fill='{2}'/>\n", open->colour,
                          width * half, shape->drawn == Shape::kFilled ? open->colour : "none");

@@ -33,6 +33,8 @@ constexpr std::chrono::seconds kPrintTimeout{60};
 constexpr const char* kChromium[] = {"chromium-headless-shell", "chromium", "chromium-browser",
                                      "google-chrome"};
 
+constexpr const char* kByHand = "Or print the page beside it from any browser.";
+
 /// A child and whatever it starts: a process group, killed with this object.
 class Group {
  public:
@@ -106,13 +108,13 @@ bool is_whole_pdf(const fs::path& file) {
 
 }  // namespace
 
-std::optional<std::string> print_pdf(std::string_view page, const fs::path& pdf) {
+std::optional<std::string> print_pdf(std::string_view page, const fs::path& pdf) try {
   std::string pattern = (temporary_files() / "turntable-print-XXXXXX").string();
   if (::mkdtemp(pattern.data()) == nullptr)
-    return fmt::format(
-        "The report was not printed: {}: no temporary folder can be made there: {}. Make room, or "
-        "name another place in TMPDIR.",
-        temporary_files().string(), std::strerror(errno));
+    throw RecordError(
+        fmt::format("{}: no temporary folder can be made there: {}. Make room, or name another "
+                    "place in TMPDIR.",
+                    temporary_files().string(), std::strerror(errno)));
   struct Remove {
     fs::path folder;
     ~Remove() {
@@ -121,11 +123,7 @@ std::optional<std::string> print_pdf(std::string_view page, const fs::path& pdf)
     }
   } const profile{pattern};
   const fs::path printed = profile.folder / "report.pdf", html = profile.folder / "report.html";
-  try {
-    write_atomically(html, page);
-  } catch (const RecordError& e) {
-    return fmt::format("The report was not printed: {} Or name another place in TMPDIR.", e.what());
-  }
+  write_atomically(html, page);
 
   std::vector<std::string> options{"--headless",
                                    "--disable-gpu",
@@ -139,25 +137,31 @@ std::optional<std::string> print_pdf(std::string_view page, const fs::path& pdf)
                                    "--print-to-pdf=" + printed.string()};
   if (::geteuid() == 0) options.push_back("--no-sandbox");  // it refuses root otherwise
   options.push_back(file_url(html));
+  std::string tried;
   for (const char* const program : kChromium) {
     std::vector<std::string> command{program};
     command.insert(command.end(), options.begin(), options.end());
     Group chromium(std::move(command));
     if (!chromium.started()) continue;
-    const bool ended = chromium.ended_within(kPrintTimeout);
-    if (!is_whole_pdf(printed))
-      return fmt::format(
-          "{} could not print {}{}. Print the page beside it from any browser.", program,
-          pdf.string(),
-          ended ? "" : fmt::format(" within {} s and was ended", kPrintTimeout.count()));
-    std::ifstream in(printed, std::ios::binary);
-    write_atomically(pdf, std::string(std::istreambuf_iterator<char>(in), {}));
-    return {};
+    if (!chromium.ended_within(kPrintTimeout))
+      return fmt::format("{} was not printed: {} took longer than {} s and was ended. {}",
+                         pdf.string(), program, kPrintTimeout.count(), kByHand);
+    if (is_whole_pdf(printed)) {
+      std::ifstream in(printed, std::ios::binary);
+      write_atomically(pdf, std::string(std::istreambuf_iterator<char>(in), {}));
+      return {};
+    }
+    tried += fmt::format("{}{}", tried.empty() ? "" : " and ", program);
   }
+  if (!tried.empty())
+    return fmt::format("{} was not printed: {} ended without a PDF. {}", pdf.string(), tried,
+                       kByHand);
   return fmt::format(
-      "Chromium is not there, which would print {}. Install it (Debian: "
-      "chromium-headless-shell), or print the page beside it from any browser.",
-      pdf.string());
+      "{} was not printed: Chromium is not there, which would. Install it (Debian: "
+      "chromium-headless-shell). {}",
+      pdf.string(), kByHand);
+} catch (const RecordError& e) {
+  return fmt::format("{} was not printed: {}", pdf.string(), e.what());
 }
 
 }  // namespace turntable

@@ -12,8 +12,6 @@ namespace {
 namespace fs = std::filesystem;
 using ::testing::HasSubstr;
 
-const fs::path kShippedScenarios = fs::path(TURNTABLE_SOURCE_DIR) / "scenarios";
-
 class Rigs : public ::testing::Test {
  protected:
   Outcome run(const std::string& rig, const std::string& name,
@@ -60,7 +58,7 @@ TEST_F(Rigs, WithAGigeCameraGiveTables) {
 
 /// The rig file with an output of its controller wired to the camera.
 std::string triggered(const std::string& rig, const std::string& outputs) {
-  std::string text = slurp(kShippedScenarios / "rigs" / (rig + ".json"));
+  std::string text = slurp(kScenarios / "rigs" / (rig + ".json"));
   const auto put = [&](const std::string& after, const std::string& more) {
     const auto at = text.find(after);
     ASSERT_NE(at, std::string::npos) << after;
@@ -70,7 +68,7 @@ std::string triggered(const std::string& rig, const std::string& outputs) {
       R"("trigger": {"source": "line", "line": "Line0", "output": {"controller": "mc1", "name": "camera"}},)");
   put(R"("line": {"simulated": {}})", R"(, "outputs": {"camera": )" + outputs + "}");
   const auto at = text.find("../calibration_sweep.json");
-  text.replace(at, 25, (kShippedScenarios / "calibration_sweep.json").string());
+  text.replace(at, 25, (kScenarios / "calibration_sweep.json").string());
   return text;
 }
 
@@ -103,11 +101,11 @@ TEST_F(Rigs, MayFireTheirCameraByAnOutputOfTheController) {
 }
 
 TEST_F(Rigs, BehindAModbusGatewayHaveToSpeakModbus) {
-  std::string text = slurp(kShippedScenarios / "rigs/simulated.json");
+  std::string text = slurp(kScenarios / "rigs/simulated.json");
   text.replace(text.find(R"({"simulated": {}})"), 17,
                R"({"modbus_tcp": {"host": "127.0.0.1", "port": 15099}})");
   text.replace(text.find("../calibration_sweep.json"), 25,
-               (kShippedScenarios / "calibration_sweep.json").string());
+               (kScenarios / "calibration_sweep.json").string());
   spill(folder / "rig.json", text);
   const Outcome o = run((folder / "rig.json").string(), "out");
   EXPECT_EQ(o.code, 2);

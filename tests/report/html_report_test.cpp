@@ -4,7 +4,9 @@
 #include <gtest/gtest.h>
 
 #include <cstdlib>
+#include <map>
 #include <nlohmann/json.hpp>
+#include <sstream>
 
 #include "src/core/errors.h"
 #include "src/record/atomic_file.h"
@@ -147,8 +149,55 @@ TEST(MarksAsPaths, JoinsNeighboursThatLookTheSame) {
           "fill='none'/>\n"
           "<path d='M7,8m-2.00 -2.00h4.00v4.00h-4.00z' stroke='blue' stroke-width='0.500' "
           "fill='blue'/>\n"
-          "<path d='M7,9h0' stroke='blue' stroke-width='4.00' stroke-linecap='round'/>\n" +
+          "<path d='M7,9h0' stroke='blue' stroke-width='4.50' stroke-linecap='round'/>\n" +
           mark(99, "9,9", "red") + "</g>\n<text>no line end</text>");
+}
+
+/// Corners of a path's piece as `marks_as_paths` writes it for a mark at the origin.
+std::vector<std::pair<double, double>> corners(const std::string& svg) {
+  const std::size_t begin = svg.find("d='M0,0") + 7;
+  std::istringstream in(svg.substr(begin, svg.find('\'', begin) - begin));
+  std::vector<std::pair<double, double>> out;
+  double x = 0, y = 0;
+  for (char c = 0; in >> c && c != 'z';) {
+    double dx = 0, dy = 0;
+    if (c == 'm' || c == 'l') in >> dx >> dy;
+    if (c == 'h') in >> dx;
+    if (c == 'v') in >> dy;
+    out.emplace_back(x += dx, y += dy);
+  }
+  return out;
+}
+
+TEST(MarksAsPaths, DrawsGnuplotsShapes) {
+  // As gnuplot's own <defs> have them, of half width 1; "up" is M0,-1.33 L-1.33,0.67 L1.33,0.67 z.
+  using Corners = std::vector<std::pair<double, double>>;
+  const Corners up{{0, -1.33}, {-1.33, 0.67}, {0, 0.67}, {1.33, 0.67}},
+      down{{0, 1.33}, {1.33, -0.67}, {0, -0.67}, {-1.33, -0.67}},
+      square{{-1, -1}, {1, -1}, {1, 1}, {-1, 1}},
+      diamond{{0, -1.41}, {1.41, 0}, {0, 1.41}, {-1.41, 0}};
+  const std::map<int, Corners> shapes{{0, {{-1, 0}, {1, 0}, {0, -1}, {0, 1}}},
+                                      {1, {{-1, -1}, {1, 1}, {1, -1}, {-1, 1}}},
+                                      {3, square},
+                                      {4, square},
+                                      {7, up},
+                                      {8, up},
+                                      {9, down},
+                                      {10, down},
+                                      {11, diamond},
+                                      {12, diamond}};
+  for (const auto& [shape, expected] : shapes) {
+    const std::string svg = marks_as_paths(fmt::format(
+        "<use xlink:href='#gpPt{}' transform='translate(0,0) scale(1)' color='red'/>\n", shape));
+    const Corners found = corners(svg);
+    ASSERT_EQ(found.size(), expected.size()) << svg;
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      EXPECT_NEAR(found[i].first, expected[i].first, 1e-9) << svg;
+      EXPECT_NEAR(found[i].second, expected[i].second, 1e-9) << svg;
+    }
+    const bool filled = shape == 4 || shape == 8 || shape == 10 || shape == 12;
+    EXPECT_THAT(svg, HasSubstr(filled ? "fill='red'" : "fill='none'"));
+  }
 }
 
 TEST(PrintPdf, SaysWhatIsMissingWithoutChromium) {
@@ -166,11 +215,14 @@ TEST(PrintPdf, SaysWhereThereIsNoRoom) {
   TemporaryFolder folder;
   const char* const before = std::getenv("TMPDIR");
   const std::string kept = before == nullptr ? "" : before;
-  ::setenv("TMPDIR", "/proc", 1);
-  const auto trouble = print_pdf("<!doctype html><title>t</title><p>text</p>", folder / "page.pdf");
+  for (const char* const wrong : {"/proc", "/nowhere", "/dev/null"}) {
+    ::setenv("TMPDIR", wrong, 1);
+    const auto trouble =
+        print_pdf("<!doctype html><title>t</title><p>text</p>", folder / "page.pdf");
+    ASSERT_TRUE(trouble.has_value());
+    EXPECT_THAT(*trouble, AllOf(HasSubstr("not printed"), HasSubstr("TMPDIR")));
+  }
   before == nullptr ? ::unsetenv("TMPDIR") : ::setenv("TMPDIR", kept.c_str(), 1);
-  ASSERT_TRUE(trouble.has_value());
-  EXPECT_THAT(*trouble, AllOf(HasSubstr("not printed"), HasSubstr("TMPDIR")));
   EXPECT_FALSE(std::filesystem::exists(folder / "page.pdf"));
 }
 

@@ -6,9 +6,11 @@ keyboard, a solver can be hidden, a point chosen. Then every page of the PDF.
 usage: report_page_test.py TURNTABLE_PROGRAM SOURCE_FOLDER PICTURE_FOLDER
 """
 import base64
+import collections
 import glob
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -301,7 +303,15 @@ def check_pdf(file):
     assert len(fonts) > 2, "the PDF has no text"
     images = subprocess.run(["pdfimages", "-list", file], check=True, capture_output=True, text=True).stdout.splitlines()
     # Of camera images there are a pattern with its detail (figure 8) and at most eight views of the LEDs (figure 12).
-    assert len(images) - 2 <= 10, f"figures are pixels in the PDF: {images}"
+    assert 2 <= len(images) - 2 <= 10, f"figures are missing or pixels in the PDF: {images}"
+    text = subprocess.run(["pdftotext", file, "-"], check=True, capture_output=True, text=True).stdout
+    axes = collections.Counter()
+    for picture in glob.glob(os.path.join(os.path.dirname(file), "figures", "*.svg")):
+        with open(picture, encoding="utf-8") as svg:
+            axes.update(set(re.findall(r">([a-z ]+ / [a-z]+)<", svg.read())))
+    assert len(axes) > 5, f"axes of figures: {axes}"
+    for axis, figures in axes.items():
+        assert text.count(axis) >= figures, f"{figures} figures have an axis \"{axis}\", in the PDF {text.count(axis)}"
 
 
 def main():
