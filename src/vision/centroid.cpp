@@ -11,12 +11,15 @@ namespace turntable {
 namespace {
 
 constexpr double kRoundingVariance = 1.0 / 12.0;
+constexpr double kClippedShare = 0.01;  // of the ground: from here on its noise is seen cut off
 constexpr int kMaxSteps = 20;
 constexpr double kEnoughPx = 1e-3;  // Newton's next step would be about its square
 
 struct Ground {
   double grey = 0.0;
-  double variance = 0.0;  ///< rounding to whole greys included
+  double variance = 0.0;  ///< as it is seen; rounding to whole greys included
+  double whole_variance =
+      0.0;  ///< without the cut at black or white: of what lies well away from it
 };
 
 PixelBox widened(const PixelBox& box, int margin) {
@@ -28,7 +31,7 @@ bool inside(const PixelBox& box, ImageView image) {
 }
 
 /// Mean and variance of the rim of a box, without what lies far from its median: a neighbour's light.
-Ground ground_of_rim(ImageView image, const PixelBox& box) {
+Ground ground_of_rim(ImageView image, const PixelBox& box, bool bright) {
   std::array<int, 256> histogram{};
   int count = 0;
   for (int v = box.top; v <= box.bottom; ++v) {
@@ -58,8 +61,27 @@ Ground ground_of_rim(ImageView image, const PixelBox& box) {
     sum_squares += k * off * off;
   }
   const double mean = sum / n;
-  return {median + mean,
-          std::max((sum_squares - n * mean * mean) / std::max(1.0, n - 1.0), kRoundingVariance)};
+  Ground ground;
+  ground.grey = median + mean;
+  ground.variance =
+      std::max((sum_squares - n * mean * mean) / std::max(1.0, n - 1.0), kRoundingVariance);
+  ground.whole_variance = ground.variance;
+  const std::size_t limit = bright ? 0 : 255;
+  const int cut = histogram[limit];
+  if (cut > kClippedShare * count && 2 * cut < count) {
+    // The half of a normal distribution that is away from the limit is whole, and so is its median.
+    double half = 0.0, squares = 0.0;
+    for (int g = 0; g < 256; ++g) {
+      const double k = histogram[static_cast<std::size_t>(g)];
+      const double off = bright ? g - median : median - g;
+      if (off < 0.0 || off > reach) continue;
+      const double share = off == 0.0 ? 0.5 * k : k;
+      half += share;
+      squares += share * off * off;
+    }
+    ground.whole_variance = std::max(ground.variance, squares / half);
+  }
+  return ground;
 }
 
 }  // namespace
@@ -68,7 +90,7 @@ std::optional<Centroid> windowed_centroid(ImageView image, const Component& comp
                                           double electrons_per_grey) {
   const PixelBox box = widened(component.box, kCentroidMarginPx);
   if (!inside(box, image)) return std::nullopt;
-  const Ground ground = ground_of_rim(image, box);
+  const Ground ground = ground_of_rim(image, box, bright);
   const double sign = bright ? 1.0 : -1.0;
   const double shot = electrons_per_grey > 0.0 ? sign / electrons_per_grey : 0.0;
   const double a2 = component.area_px / (2.0 * std::numbers::pi);
@@ -114,9 +136,15 @@ std::optional<Centroid> windowed_centroid(ImageView image, const Component& comp
   }
   if (!converged) return std::nullopt;
 
+  // From the ground up to two standard deviations above it, less and less of the noise is cut off.
+  const double hidden = ground.whole_variance - ground.variance;
+  const double rise = hidden > 0.0 ? 1.0 / (2.0 * std::sqrt(ground.whole_variance)) : 0.0;
   double weights = 0, light = 0, light_variance = 0, vuu = 0, vuv = 0, vvv = 0;
   look([&](double w, double du, double dv, double g) {
-    const double variance = w * w * std::max(ground.variance + shot * g, kRoundingVariance);
+    const double variance =
+        w * w *
+        std::max(ground.variance + hidden * std::clamp(rise * g, 0.0, 1.0) + shot * g,
+                 kRoundingVariance);
     weights += w;
     light += w * g;
     light_variance += variance;

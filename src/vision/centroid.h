@@ -8,6 +8,9 @@
 // and, the noise of the pixels being independent, the law of propagation (GUM, JCGM 100:2008, 5.1):
 //   cov c = J^-1 V J^-1,   V = sum_i w_i^2 (x_i - c)(x_i - c)^T var_i
 //   var_i = noise^2 + g_i / K                                          (EMVA Standard 1288)
+// Ground that is cut off at 0 shows less noise than there is: on the spot it counts as much as the rim's
+// upper half has, which is whole, on the ground as much as is seen, and in between in proportion up to two
+// standard deviations.
 // Window: the a that makes cov c least is the standard deviation s of a Gaussian spot, where the
 // estimate reaches the Cramer-Rao bound, and R / sqrt 2 of a sharp disc of radius R. With the area
 // above a threshold of 0.3 to 0.5 of the peak, area / (2 pi) is 0.7 to 1.2 s^2 of the one and R^2 / 2
@@ -17,8 +20,9 @@
 // of the component's box, widened; noise its standard deviation, rounding to whole greys included;
 // K electrons per grey level; area of the component, px^2.
 // Domain: a centrally symmetric spot (for which c is unbiased) on even ground, alone in the widened
-// box. A light beside it draws c towards itself by more than the uncertainty says. Ground clipped at 0
-// shows less noise than the spot has (noise of 10 on ground of 12: errors are 1.1 times what is said).
+// box. A light beside it draws c towards itself by more than the uncertainty says. Of noise of 10, 20 and
+// 30 on ground of 12, errors are 1.02, 1.05 and 1.08 times what is said; where more than half of the ground
+// is cut off, its noise is not known, and they may be any number of times that.
 // A clipped spot has edges sharper than its optics make them, whose place between the pixels moves c:
 // kClippedSigmaPx is added in quadrature, which holds up to three times white and is plenty below;
 // pixels at 255 count with the noise they would have there. Below 0.5 grey of noise rounding is no

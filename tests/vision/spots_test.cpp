@@ -96,6 +96,13 @@ TEST(Spots, OfReadNoiseErrAsTheirUncertaintySays) {
   }
 }
 
+TEST(Spots, OnGroundWhoseNoiseIsCutOffAtBlackErrAsTheirUncertaintySays) {
+  for (const double noise_grey : {10.0, 20.0, 30.0}) {  // on ground of 12
+    const SpotErrors e = spot_errors(rig_of_many_leds(noise_grey, 0.0), 15.0, 60, 0.0);
+    EXPECT_NEAR(e.deviation_of_normalised(), 1.0, 0.1) << noise_grey << " grey, " << e.missed;
+  }
+}
+
 TEST(Spots, OfShotNoiseErrAsTheirUncertaintySays) {
   for (const double tilt_deg : {0.0, 30.0}) {
     const SpotErrors e = spot_errors(rig_of_many_leds(1.2, 40.0), tilt_deg, 100, 40.0);
