@@ -13,6 +13,7 @@
 #include "src/core/json_document.h"
 #include "src/evaluation/calibrate.h"
 #include "src/imaging/opencv_yaml.h"
+#include "src/record/folder.h"
 #include "src/report/calibration_report.h"
 
 namespace turntable {
@@ -54,14 +55,8 @@ RayPlanes planes_of(const std::vector<double>& heights, const fs::path& file) {
 /// Where the calibration will go, checked before the work: a folder that is new, empty, or holds
 /// nothing but an earlier calibration.
 void check_output(const fs::path& out) {
+  require_writable(out, "the calibration");
   std::error_code error;
-  for (fs::path at = fs::absolute(out, error); !at.empty(); at = at.parent_path()) {
-    const fs::file_status status = fs::status(at, error);
-    if (fs::is_directory(status)) break;
-    if (fs::exists(status))
-      throw ConfigError(at.string(), "", "is a file. Choose a folder for the calibration (--out).");
-    if (at == at.parent_path()) break;
-  }
   if (!fs::is_directory(out, error) || fs::is_empty(out, error)) return;
   if (fs::exists(out / "plan.json", error))
     throw ConfigError(out.string(), "",

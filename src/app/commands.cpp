@@ -588,8 +588,8 @@ int report_command(const ReportArguments& a) {
   refuse_if_taken(run);
   OutputOptions options;
   options.pdf = !a.no_pdf;
-  if (fs::exists(folder.calibration()))
-    options.calibration = load_calibration(folder.calibration());
+  require_evaluated(folder);
+  options.calibration = load_calibration(folder.calibration());
   const EvaluationRecord how = read_evaluation_record(folder, load_plan(folder.plan()));
   options.evaluate.solvers = how.solvers;
   options.evaluate.spots = SpotSource::kJournal;

@@ -1,14 +1,17 @@
 // "turntable report A B": two runs side by side, from what is stored of them.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "src/app/commands.h"
 #include "src/app/outputs.h"
 #include "src/core/errors.h"
 #include "src/evaluation/run_comparison.h"
+#include "src/record/folder.h"
 #include "src/record/sha256.h"
 #include "src/report/compare_report.h"
 
@@ -31,11 +34,7 @@ struct Compared {
 
 Compared compared(const fs::path& run) {
   const RunFolder folder = RunFolder::open(run);
-  if (!fs::exists(folder.calibration()))
-    throw ConfigError(run.string(), "",
-                      fmt::format("has no calibration.json, so that nothing was evaluated yet. "
-                                  "\"turntable evaluate {}\" does it.",
-                                  run.string()));
+  require_evaluated(folder);
   EvaluationRecord how = read_evaluation_record(folder, load_plan(folder.plan()));
   StoredRun stored = stored_run(folder, how.solvers);
   return {folder, std::move(how), std::move(stored)};
@@ -67,6 +66,11 @@ std::vector<RunFact> differences(const Compared& a, const Compared& b) {
 
 int compare_command(const ReportArguments& a) {
   const fs::path &first = a.runs[0], &other = a.runs[1];
+  std::error_code none;
+  if (fs::equivalent(first, other, none))
+    spdlog::warn("{} and {} are the same run.", first.string(), other.string());
+  const fs::path out = a.out.empty() ? first / ("compare_" + folder_name(other)) : a.out;
+  require_writable(out, "the comparison");
   const Compared one = compared(first), two = compared(other);
   const Plan &plan = one.run.record.plan, &other_plan = two.run.record.plan;
   const RunComparison comparison =
@@ -85,7 +89,6 @@ int compare_command(const ReportArguments& a) {
                     "the same, by --solver.",
                     first.string()));
 
-  const fs::path out = a.out.empty() ? first / ("compare_" + folder_name(other)) : a.out;
   const fs::path page = write_comparison(
       out,
       {folder_name(first), folder_name(other), one.run.rig.simulated(), two.run.rig.simulated()},
@@ -93,14 +96,27 @@ int compare_command(const ReportArguments& a) {
   for (const CommonScenario& s : comparison.scenarios)
     fmt::print("{:<20} {} poses in both, {} only in A, {} only in B\n", s.name, s.both,
                s.only_first, s.only_other);
-  for (const RunChange& c : comparison.changes)
-    fmt::print("{:<20} {:<18} A {:.4f}  B {:.4f} deg  {:+.4f} [{:+.4f}, {:+.4f}]  B is {}\n",
-               c.scenario, c.solver->name, c.first_rmse_deg, c.other_rmse_deg, c.change_deg.value,
-               c.change_deg.interval.lower, c.change_deg.interval.upper,
+  std::size_t failed = 0;
+  for (const RunChange& c : comparison.changes) {
+    failed += c.first_failed + c.other_failed;
+    if (c.verdict() == ChangeVerdict::kNothing) {
+      fmt::print("{:<20} {:<18} not compared: {} poses of A and {} of B were measured\n",
+                 c.scenario, c.solver->name, c.first_poses, c.other_poses);
+      continue;
+    }
+    const bool has_interval = std::isfinite(c.change_deg.interval.lower);
+    fmt::print("{:<20} {:<18} A {:.4f}  B {:.4f} deg  {:+.4f} [{}]  B is {}\n", c.scenario,
+               c.solver->name, c.first_rmse_deg, c.other_rmse_deg, c.change_deg.value,
+               has_interval ? fmt::format("{:+.4f}, {:+.4f}", c.change_deg.interval.lower,
+                                          c.change_deg.interval.upper)
+                            : "too few poses for an interval",
                change_verdict_name(c.verdict()));
+  }
+  if (failed > 0)
+    spdlog::warn("{} results failed; the report of each run says which and why.", failed);
   renew_pdf(out / "comparison.md", !a.no_pdf);
   fmt::print("comparison: {}\n", page.string());
-  return kDone;
+  return failed > 0 ? kFailedPoses : kDone;
 }
 
 }  // namespace turntable

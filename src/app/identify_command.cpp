@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <regex>
 
 #include "src/app/commands.h"
 #include "src/app/outputs.h"
@@ -60,6 +61,23 @@ OrderedJson origin_of(const RunFolder& folder, const RunRecord& record) {
           {"began_utc", record.sessions.empty() ? "" : record.sessions.front().began_utc}};
 }
 
+/// JSON for people: every list of numbers on one line.
+std::string for_people(const OrderedJson& json) {
+  static const std::regex numbers(R"(\[\s+((?:-?[\d.eE+-]+,?\s+)+)\])");
+  static const std::regex gap(R"(\s+)");
+  const std::string text = json.dump(2) + "\n";
+  std::string out;
+  auto rest = text.cbegin();
+  for (std::sregex_iterator it(text.begin(), text.end(), numbers), end; it != end; ++it) {
+    out.append(rest, (*it)[0].first);
+    std::string row = std::regex_replace((*it)[1].str(), gap, " ");
+    row.pop_back();
+    out += "[" + row + "]";
+    rest = (*it)[0].second;
+  }
+  return out.append(rest, text.cend());
+}
+
 /// A path that was relative to the old file, for the new one.
 void move_path(OrderedJson& object, const char* key, const fs::path& from, const fs::path& to) {
   if (!object.contains(key)) return;
@@ -70,6 +88,8 @@ void move_path(OrderedJson& object, const char* key, const fs::path& from, const
 std::string corrected_rig(const Results& made, const RigParameters& found,
                           const OrderedJson& origin, const fs::path& out) {
   OrderedJson json = OrderedJson::parse(made.rig.source);
+  const std::string& title = made.rig.title;
+  json["title"] = title.ends_with(", identified") ? title : title + ", identified";
   json["identified_from"] = origin;
   OrderedJson& gimbal = json["gimbal"];
   gimbal["plane_from_gimbal_deg"] = numbers(found.plane_from_gimbal_deg, 4);
@@ -103,7 +123,7 @@ std::string corrected_rig(const Results& made, const RigParameters& found,
   if (json.contains("telemetry"))
     for (auto& [name, channel] : json["telemetry"]["channels"].items())
       move_path(channel, "file", from, to);
-  const std::string text = json.dump(1) + "\n";
+  const std::string text = for_people(json);
   (void)parse_rig_file(text, out.string(), to);  // what is written can be read
   return text;
 }
@@ -116,7 +136,7 @@ std::string corrected_target(const Results& made, const RigParameters& found,
                    {"points_mm", OrderedJson::array()}};
   for (const Vector3d& p : found.target_points_mm) json["points_mm"].push_back(numbers(p, 4));
   json["uncertainty_mm"] = rounded(target_uncertainty_mm(*made.levels.model, made.levels.found), 4);
-  return json.dump(1) + "\n";
+  return for_people(json);
 }
 
 }  // namespace
@@ -125,9 +145,9 @@ int identify_command(const IdentifyArguments& a) {
   const RunFolder folder = RunFolder::open(a.run);
   require_new_file(a.rig_out, "--rig-out");
   require_new_file(a.target_out, "--target-out");
+  require_evaluated(folder);
   OutputOptions options;
-  if (fs::exists(folder.calibration()))
-    options.calibration = load_calibration(folder.calibration());
+  options.calibration = load_calibration(folder.calibration());
   options.evaluate.solvers = {&default_solver()};
   options.evaluate.spots = SpotSource::kJournal;
   const Results made = make_results(folder, std::move(options));
@@ -145,6 +165,7 @@ int identify_command(const IdentifyArguments& a) {
                made.record.plan.scenarios[row.scenario].name, row.solver->name,
                truth_level_name(row.level), row.statistics.rmse_total_deg);
   if (!levels.why_not.empty()) spdlog::warn("{}", levels.why_not);
+  if (levels.found.has_misfit()) spdlog::warn("{}", misfit_text(levels.found));
 
   const RigParameters found = levels.model->named(levels.found.values);
   const OrderedJson origin = origin_of(folder, made.record);

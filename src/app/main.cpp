@@ -5,6 +5,7 @@
 
 #include <CLI/CLI.hpp>
 #include <csignal>
+#include <cstdlib>
 #include <exception>
 #include <iostream>
 
@@ -26,41 +27,61 @@ constexpr const char* kExitCodes =
     "the message says otherwise;\n4 finished, but some poses failed or an axis missed; 130 "
     "interrupted, axes stopped; 137 killed by a third Ctrl-C, which stops nothing.\n";
 
+/// CLI::Range takes what is not a number for one inside.
+CLI::Validator number_in(double least, double most) {
+  const std::string allowed = fmt::format("a number from {:g} to {:g}", least, most);
+  const auto check = [=](std::string& text) {
+    char* rest = nullptr;
+    const double number = std::strtod(text.c_str(), &rest);
+    const bool is_number = !text.empty() && *rest == '\0';
+    return is_number && number >= least && number <= most
+               ? std::string()
+               : fmt::format("found {}, allowed: {}", text, allowed);
+  };
+  return CLI::Validator(check, fmt::format("in [{:g} - {:g}]", least, most));
+}
+
+/// What went before it comes first, also where both outputs go into one file.
+void complain(const std::string& message) {
+  std::fflush(stdout);
+  spdlog::error("{}", message);
+}
+
 int guarded(const std::function<int()>& verb) {
   try {
     return verb();
   } catch (const Interrupted& e) {
-    spdlog::error("{}", e.what());
+    complain(e.what());
     return kInterrupted;
   } catch (const ConfigError& e) {
-    spdlog::error("{}", e.what());
+    complain(e.what());
     return kBadInput;
   } catch (const LimitError& e) {
-    spdlog::error("{}", e.what());
+    complain(e.what());
     return kBadInput;
   } catch (const RecordError& e) {
-    spdlog::error("{}", e.what());
+    complain(e.what());
     return kDeviceTrouble;
   } catch (const LineError& e) {
-    spdlog::error("{}", e.what());
+    complain(e.what());
     return kDeviceTrouble;
   } catch (const TimeoutError& e) {
-    spdlog::error("{}", e.what());
+    complain(e.what());
     return kDeviceTrouble;
   } catch (const ProtocolError& e) {
-    spdlog::error("{}", e.what());
+    complain(e.what());
     return kDeviceTrouble;
   } catch (const DeviceError& e) {
-    spdlog::error("{}", e.what());
+    complain(e.what());
     return kDeviceTrouble;
   } catch (const Error& e) {
-    spdlog::error("{}", e.what());
+    complain(e.what());
     return kBadInput;
   } catch (const std::exception& e) {
-    spdlog::error(
+    complain(fmt::format(
         "unexpected: {}. This is a defect of the program; the journal of the run, if any, is "
         "intact.",
-        e.what());
+        e.what()));
     return kDeviceTrouble;
   }
 }
@@ -145,7 +166,8 @@ int main(int argc, char** argv) {
           "--planes", calibrate.planes_mm,
           "OpenCV camera: two heights between which its rays are stated, mm, negative = in "
           "front")
-      ->delimiter(',');
+      ->delimiter(',')
+      ->check(number_in(-1e6, 1e6));
   calibrate_verb->add_option(
       "--out", calibrate.out,
       "folder for calibration.json, calibration.md, figures, tables and OpenCV files (default: "
@@ -162,7 +184,7 @@ int main(int argc, char** argv) {
   const auto takes_poses = [](CLI::App& verb, TakeArguments& a) {
     verb.add_option("--wire-log", a.wire_log, "append every byte on every line to this file");
     verb.add_option("--speed", a.speed, "of the clock, for devices served by \"simulate --speed\"")
-        ->check(CLI::Range(0.01, 100.0));
+        ->check(number_in(0.01, 100.0));
     verb.add_flag("--configure", a.configure,
                   "write the rig file's set-up into the controllers first");
     verb.add_flag("--assume-mounted", a.assume_mounted,
@@ -250,7 +272,7 @@ int main(int argc, char** argv) {
                        "also add Gaussian noise of these standard deviations, grey levels, to the "
                        "archived images of one scenario, and evaluate them again")
           ->delimiter(',')
-          ->check(CLI::Range(0.01, 255.0));
+          ->check(number_in(0.01, 255.0));
   evaluate_verb
       ->add_option("--scenario", evaluate.noise_scenario,
                    "that noise is added to (default: the one of Table 5, else with most axes)")
@@ -329,7 +351,7 @@ int main(int argc, char** argv) {
       "target file, or rig file whose target is studied (default: the published target, and two "
       "more to compare with)");
   study_verb->add_option("--focal", study.focal_px, "focal length, px")
-      ->check(CLI::Range(10.0, 1e6))
+      ->check(number_in(10.0, 1e6))
       ->capture_default_str();
   study_verb
       ->add_option(
@@ -341,7 +363,7 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(16, 65536))
       ->capture_default_str();
   study_verb->add_option("--distance", study.distance_mm, "camera to target, mm")
-      ->check(CLI::Range(1.0, 1e6))
+      ->check(number_in(1.0, 1e6))
       ->capture_default_str();
   study_verb->add_option("--poses", study.poses, "per row of the noise study")
       ->check(CLI::Range(40, 1000000))
@@ -382,7 +404,7 @@ int main(int argc, char** argv) {
     verb.add_option("--rig", a.rig, "rig file")->required();
     verb.add_option("--wire-log", a.wire_log, "append every byte on every line to this file");
     verb.add_option("--speed", a.speed, "of the clock, for devices served by \"simulate --speed\"")
-        ->check(CLI::Range(0.01, 100.0));
+        ->check(number_in(0.01, 100.0));
   };
   HandArguments status;
   auto* status_verb =
@@ -458,7 +480,7 @@ int main(int argc, char** argv) {
                             "folder for links to the ptys, named after the controllers");
   simulate_verb->add_option("--faults", simulate.faults, "what is to go wrong, a fault file");
   simulate_verb->add_option("--speed", simulate.speed, "times as fast as real devices")
-      ->check(CLI::Range(0.01, 100.0));
+      ->check(number_in(0.01, 100.0));
   simulate_verb->footer(
       "Examples:\n  turntable simulate scenarios/rigs/simulated.json --links /tmp/rig\n"
       "  turntable simulate scenarios/rigs/simulated.json --links /tmp/rig --speed 10 --faults "
@@ -485,7 +507,7 @@ int main(int argc, char** argv) {
     if (images)
       verb.add_option("--electrons-per-grey", a.electrons_per_grey,
                       "of the camera, so that shot noise counts in the uncertainties")
-          ->check(CLI::Range(0.0, 1e6));
+          ->check(number_in(0.0, 1e6));
   };
   const auto putting = [](CLI::App& verb, AttitudeArguments& a) {
     verb.add_option("--out", a.out, "file to write (default: standard output)");

@@ -103,15 +103,44 @@ void write_evaluation_record(const EvaluationRecord& record, const fs::path& fil
             {"poses_by", record.poses_by},        {"tables_by", record.tables_by}};
   for (const Solver* solver : record.solvers) json["solvers"].push_back(solver->name);
   if (record.noise) json["noise"] = noise_json(*record.noise);
+  if (!record.poses_sha256.empty()) json["poses_sha256"] = record.poses_sha256;
   if (!record.calibration_sha256.empty()) json["calibration_sha256"] = record.calibration_sha256;
   write_atomically(file, json.dump(1) + "\n");
 }
 
+void warn_if_torn(const RunFolder& folder, const RunRecord& record) {
+  if (record.torn) spdlog::warn("{}: {}", folder.journal().string(), *record.torn);
+}
+
+/// Tables and report follow from the journal, so that nobody would notice.
+void warn_of_other_poses(const RunFolder& folder, const EvaluationRecord& how) {
+  const fs::path& poses = folder.poses();
+  const bool there = fs::exists(poses);
+  if (there && (how.poses_sha256.empty() || sha256_hex(read_text(poses)) == how.poses_sha256))
+    return;
+  spdlog::warn(
+      "{}: {}. The report follows from the journal, not from it. turntable evaluate {} makes it "
+      "again{}.",
+      poses.string(), there ? "was changed after it was written" : "is missing",
+      folder.root().string(),
+      there ? fmt::format("; turntable verify {} says where it differs", folder.root().string())
+            : "");
+}
+
 }  // namespace
+
+void require_evaluated(const RunFolder& folder) {
+  if (!fs::exists(folder.calibration()))
+    throw ConfigError(folder.root().string(), "",
+                      fmt::format("has no calibration.json, so that nothing was evaluated yet. "
+                                  "\"turntable evaluate {}\" does it.",
+                                  folder.root().string()));
+}
 
 StoredRun stored_run(const RunFolder& folder, std::vector<const Solver*> solvers) {
   StoredRun out;
   out.record = read_run(folder);
+  warn_if_torn(folder, out.record);
   const FrozenText& rig = out.record.plan.rig;
   out.rig = parse_rig_file(rig.text, rig.file, folder.root());
   out.calibration = load_calibration(folder.calibration());
@@ -130,7 +159,7 @@ Results make_results(const RunFolder& folder, OutputOptions options) {
   // A scenario that is not there is known before the work.
   if (options.noise && options.evaluate.spots == SpotSource::kImages)
     options.noise->scenario = noise_scenario(out.record, folder, options.noise->scenario);
-  if (out.record.torn) spdlog::warn("{}: {}", folder.journal().string(), *out.record.torn);
+  warn_if_torn(folder, out.record);
 
   if (options.calibration) {
     out.calibration = *options.calibration;
@@ -174,9 +203,16 @@ void renew_pdf(const fs::path& markdown, bool wanted) {
   fs::path pdf = markdown;
   pdf.replace_extension(".pdf");
   std::error_code ignored;
-  fs::remove(pdf, ignored);
+  if (fs::remove(pdf, ignored) && !wanted)
+    fmt::print("removed: {}, which was of the report before\n", pdf.string());
   if (!wanted) return;
-  if (const auto trouble = print_pdf(page_for_paper(markdown), pdf))
+  std::optional<std::string> trouble;
+  {
+    ProgressLine line("printing " + pdf.filename().string());
+    trouble = print_pdf(page_for_paper(markdown), pdf,
+                        [&] { line.wait(static_cast<double>(kPrintTimeout.count())); });
+  }
+  if (trouble)
     spdlog::warn("{}", *trouble);
   else
     fmt::print("printed: {}\n", pdf.string());
@@ -192,6 +228,7 @@ int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrit
     write_poses_csv(made.evaluation, plan, folder.poses());
     how.journal_lines = made.record.journal.next_seq - 1;
     how.solvers = made.evaluation.solvers;
+    how.poses_sha256 = sha256_hex(read_text(folder.poses()));
     if (options.calibration || !has_calibration_sweep(plan))
       how.calibration_sha256 = sha256_hex(calibration);
     how.poses_by = program_provenance();
@@ -204,6 +241,7 @@ int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrit
     }
   } else {
     how = read_evaluation_record(folder, plan);
+    warn_of_other_poses(folder, how);
   }
   how.tables_by = program_provenance();
   how.beside.clear();
@@ -249,6 +287,7 @@ EvaluationRecord read_evaluation_record(const RunFolder& folder, const Plan& pla
                                       name.get<std::string>()));
       how.solvers.push_back(solver);
     }
+    how.poses_sha256 = json.value("poses_sha256", "");
     how.calibration_sha256 = json.value("calibration_sha256", "");
     how.beside = json.at("beside").get<std::vector<std::string>>();
     if (const auto noise = json.find("noise"); noise != json.end())

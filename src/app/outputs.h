@@ -24,6 +24,9 @@ struct OutputOptions {
 /// What is written, before it is.
 Results make_results(const RunFolder& folder, OutputOptions options);
 
+/// @throws ConfigError if the run has no calibration.json: reports and comparisons start from it.
+void require_evaluated(const RunFolder& folder);
+
 /// A run that is there already, as its stored calibration and the spots of its journal tell.
 struct StoredRun {
   RunRecord record;
@@ -50,6 +53,7 @@ void renew_pdf(const std::filesystem::path& markdown, bool wanted);
 struct EvaluationRecord {
   std::uint64_t journal_lines = 0;     ///< that poses.csv follows from
   std::vector<const Solver*> solvers;  ///< known ones
+  std::string poses_sha256;            ///< of poses.csv as it was written; empty: not known
   std::string calibration_sha256;      ///< of calibration.json, if given; empty: from the own sweep
   std::vector<std::string> beside;     ///< folders
   std::optional<NoiseOptions> noise;

@@ -31,17 +31,34 @@ void ProgressLine::update(std::size_t done, std::size_t total, std::string_view 
                           double eta_s) {
   const std::lock_guard lock(mutex_);
   done_ = std::max(done_, done);  // threads may report out of order
-  const auto now = steady_clock::now();
-  const double elapsed = seconds_between(start_, now);
-  // Nothing for short work; then often on a terminal, seldom in a log.
-  if (elapsed < (terminal_ ? 0.3 : 2.0) || seconds_between(last_, now) < (terminal_ ? 0.1 : 10.0))
-    return;
-  last_ = now;
+  if (!is_due()) return;
   if (eta_s < 0 && done_ > 0)
-    eta_s = elapsed * static_cast<double>(total - done_) / static_cast<double>(done_);
+    eta_s = seconds_between(start_, last_) * static_cast<double>(total - done_) /
+            static_cast<double>(done_);
   std::string text = fmt::format("{}: {} of {}", what_, done_, total);
   if (!phase.empty()) text += fmt::format(", {}", phase);
   if (eta_s >= 0) text += fmt::format(", {} left", duration_text(eta_s));
+  show(text);
+}
+
+void ProgressLine::wait(double at_most_s) {
+  const std::lock_guard lock(mutex_);
+  if (is_due())
+    show(fmt::format("{}: {:.0f} s, at most {}", what_, seconds_between(start_, last_),
+                     duration_text(at_most_s)));
+}
+
+bool ProgressLine::is_due() {
+  const auto now = steady_clock::now();
+  // Nothing for short work; then often on a terminal, seldom in a log.
+  if (seconds_between(start_, now) < (terminal_ ? 0.3 : 2.0) ||
+      seconds_between(last_, now) < (terminal_ ? 0.1 : 10.0))
+    return false;
+  last_ = now;
+  return true;
+}
+
+void ProgressLine::show(const std::string& text) {
   if (terminal_) {
     fmt::print(stderr, "\r{:{}}", text, width_);
     width_ = std::max(width_, text.size());

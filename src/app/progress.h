@@ -19,8 +19,14 @@ class ProgressLine {
   /// "what: pose 17 of 240, moving, 1 min 20 s left". Thread-safe. @param eta_s negative = work it
   /// out from the pace.
   void update(std::size_t done, std::size_t total, std::string_view phase, double eta_s = -1.0);
+  /// "what: 4 s, at most 60 s": of work that does not say how far it is.
+  void wait(double at_most_s);
 
  private:
+  /// Whether it is time to show something.
+  bool is_due();
+  void show(const std::string& text);
+
   std::string what_;
   bool terminal_;
   std::mutex mutex_;

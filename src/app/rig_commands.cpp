@@ -18,6 +18,7 @@
 #include "src/app/rig_lock.h"
 #include "src/core/errors.h"
 #include "src/core/interrupt.h"
+#include "src/record/folder.h"
 
 namespace turntable {
 namespace {
@@ -288,7 +289,7 @@ int stop_command(const HandArguments& a) {
 
 int simulate_command(const SimulateArguments& a) {
   const RigFile rig = load_rig_file(a.rig);
-  if (!a.links.empty()) fs::create_directories(a.links);
+  if (!a.links.empty()) make_folder(a.links);
   fmt::print("Simulated devices of {}{}; Ctrl-C ends.\n", rig.file,
              a.speed == 1.0 ? "" : fmt::format(", {:g} times as fast as real ones", a.speed));
   std::fflush(stdout);

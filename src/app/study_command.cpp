@@ -8,6 +8,7 @@
 #include "src/app/progress.h"
 #include "src/core/errors.h"
 #include "src/core/target_file.h"
+#include "src/record/folder.h"
 #include "src/report/study_report.h"
 
 namespace turntable {
@@ -39,13 +40,8 @@ std::vector<Vector3d> studied_target(const std::filesystem::path& file) {
 
 /// Checked before the work: a folder that is new, empty, or holds nothing but an earlier study.
 void check_study_folder(const std::filesystem::path& out) {
+  require_writable(out, "the study");
   std::error_code error;
-  std::filesystem::path there = std::filesystem::absolute(out, error);
-  while (!std::filesystem::exists(std::filesystem::status(there, error)) &&
-         there.has_relative_path())
-    there = there.parent_path();
-  if (!std::filesystem::is_directory(there, error))
-    throw ConfigError(there.string(), "", "is a file. Choose a folder for the study (--out).");
   if (!std::filesystem::is_directory(out, error)) return;
   if (const std::filesystem::path other = foreign_to_study(out); !other.empty())
     throw ConfigError(

@@ -306,6 +306,7 @@ struct DrawnRig {
 };
 
 std::string amount(const Tolerance& tolerance, std::string_view unit) {
+  if (unit == "1") return fmt::format("{:g} ({})", tolerance.sd, tolerance.source);
   return fmt::format("{:g} {} ({})", tolerance.sd, unit, tolerance.source);
 }
 

@@ -94,6 +94,8 @@ RunChange change_of(const std::string& scenario, const Solver* solver, const Pos
   out.other_rmse_deg = rmse(squares[1]);
   out.change_deg =
       clustered(squares, [](const auto& s) { return cluster_rms(s[1]) - cluster_rms(s[0]); });
+  out.change_share =
+      clustered(squares, [](const auto& s) { return cluster_rms(s[1]) / cluster_rms(s[0]) - 1.0; });
   for (std::size_t a = 0; a < kToldAxes.size(); ++a)
     out.bias_change_deg[a] =
         clustered(columns([&](const PoseError& e) { return error_of(e, kToldAxes[a]); }),

@@ -282,6 +282,7 @@ std::vector<ScenarioStatistics> scenario_statistics(const Evaluation& evaluation
 }
 
 ChangeVerdict change_verdict(const WithInterval& change, double first) {
+  if (!std::isfinite(change.value)) return ChangeVerdict::kNothing;
   const double little = 0.01 * first;
   if (change.interval.lower > -little && change.interval.upper < little)
     return ChangeVerdict::kSame;
@@ -300,6 +301,8 @@ std::string_view change_verdict_name(ChangeVerdict verdict) {
       return "the same within 1 %";
     case ChangeVerdict::kCannotTell:
       return "not told apart";
+    case ChangeVerdict::kNothing:
+      return "not compared";
   }
   return "?";
 }

@@ -50,11 +50,11 @@ struct ScenarioStatistics {
 std::vector<ScenarioStatistics> scenario_statistics(const Evaluation& evaluation);
 
 /// What a change of an RMSE says of the one that has changed.
-enum class ChangeVerdict { kBetter, kWorse, kSame, kCannotTell };
+enum class ChangeVerdict { kBetter, kWorse, kSame, kCannotTell, kNothing };
 /// By the interval alone: it must not hold zero; the same if it lies within 1 % of `first`, the RMSE
-/// before the change.
+/// before the change; nothing if there is no change, for want of poses.
 ChangeVerdict change_verdict(const WithInterval& change, double first);
-/// "better", "worse", "the same within 1 %", "not told apart"
+/// "better", "worse", "the same within 1 %", "not told apart", "not compared"
 std::string_view change_verdict_name(ChangeVerdict verdict);
 
 /// Is `other` better than `first`?

@@ -284,6 +284,7 @@ SelfCalibration self_calibrate(const RigModel& model, const RigSightings& sighti
     if (std::abs(estimation.noise() / before - 1.0) < 1e-3) break;
   }
   out.noise_factor = estimation.noise();
+  out.noise_stated = sightings.noise_stated;
 
   const Eigen::MatrixXd covariance = estimation.covariance();
   out.sd = covariance.diagonal().cwiseSqrt();

@@ -59,6 +59,9 @@ enum class Verdict {
 };
 std::string_view verdict_name(Verdict verdict);  ///< "determined", "weakly determined", "held"
 
+/// Twice the stated noise of the spots: twenty-odd percent is what statements of noise miss by.
+constexpr double kMisfitAbove = 2.0;
+
 struct SelfCalibration {
   Eigen::VectorXd values;       ///< by `RigModel::parameters`
   Eigen::VectorXd sd;           ///< standard uncertainties, likewise
@@ -67,10 +70,14 @@ struct SelfCalibration {
   std::size_t poses = 0, arrivals = 0;  ///< that entered; errors of arrivals that were estimated
   int iterations = 0;
   bool converged = false;
-  double chi2 = 0.0;          ///< with the stated uncertainties, f = 1
-  double dof = 0.0;           ///< image residuals: values and arrivals have one prior each
-  double noise_factor = 1.0;  ///< f
+  double chi2 = 0.0;  ///< with the stated uncertainties, f = 1
+  double dof = 0.0;   ///< image residuals: values and arrivals have one prior each
+  double noise_factor =
+      1.0;  ///< f, by which chi2 comes to dof; arrivals keep what is stated of them
+  bool noise_stated = true;  ///< else f is of an assumed one
 
+  /// Whether the run shows what no parameter describes, as a periodic error of an axis.
+  bool has_misfit() const { return noise_stated && noise_factor > kMisfitAbove; }
   bool held(Eigen::Index i) const {
     return verdicts[static_cast<std::size_t>(i)] == Verdict::kHeld;
   }

@@ -29,7 +29,7 @@ std::string monomials_to_csv(std::span<const MonomialTable> tables) {
 
 std::string monomials_to_markdown(std::span<const MonomialTable> tables) {
   std::string out =
-      "| source | coefficient of u^r v^s | C a / mm | D a / mm | C b / mm | D b / mm "
+      "| source | coefficient of u^r v^s / mm px^-(r+s) | C a | D a | C b | D b "
       "|\n|---|---|--:|--:|--:|--:|\n";
   for_each_row(tables, [&](const std::string& source, int r, int s, const auto& c) {
     out += fmt::format("| {} | {}{} | {:.2e} | {:.2e} | {:.2e} | {:.2e} |\n", source, r, s, c(0),
@@ -46,8 +46,9 @@ std::string monomials_to_latex(std::span<const MonomialTable> tables) {
     return fmt::format("${} \\cdot 10^{{{}}}$", text.substr(0, e), std::stoi(text.substr(e + 1)));
   };
   std::string out =
-      "\\begin{tabular}{llrrrr}\n\\hline\nsource & $r\\,s$ & $C^a_{rs}$ / mm & $D^a_{rs}$ / mm & "
-      "$C^b_{rs}$ / mm & $D^b_{rs}$ / mm \\\\\n\\hline\n";
+      "\\begin{tabular}{llrrrr}\n\\hline\ncoefficients in mm px$^{-(r+s)}$ & $r\\,s$ & $C^a_{rs}$ "
+      "& "
+      "$D^a_{rs}$ & $C^b_{rs}$ & $D^b_{rs}$ \\\\\n\\hline\n";
   for_each_row(tables, [&](const std::string& source, int r, int s, const auto& c) {
     out += fmt::format("{} & {}\\,{} & {} & {} & {} & {} \\\\\n", source, r, s, number(c(0)),
                        number(c(1)), number(c(2)), number(c(3)));

@@ -12,6 +12,7 @@
 #include "src/core/errors.h"
 #include "src/core/units.h"
 #include "src/record/atomic_file.h"
+#include "src/record/folder.h"
 #include "src/record/image_archive.h"
 #include "src/record/journal.h"
 #include "src/record/pose_document.h"
@@ -30,6 +31,7 @@ void RunFolder::require_new(const std::filesystem::path& root) {
           root.string(), "",
           "is not empty: a run is never written over another one. Choose a new folder.");
   }
+  require_writable(root, "the run");
 }
 
 RunFolder RunFolder::create(const std::filesystem::path& root, const Plan& plan) {
@@ -38,13 +40,7 @@ RunFolder RunFolder::create(const std::filesystem::path& root, const Plan& plan)
   RunFolder folder(root);
   const auto parts = {folder.images(), folder.tables(), folder.figures()};
   try {
-    for (const auto& path : parts) {
-      std::filesystem::create_directories(path, error);
-      if (error)
-        throw RecordError(
-            fmt::format("{}: cannot be created: {}. Choose a folder that can be written.",
-                        path.string(), error.message()));
-    }
+    for (const auto& path : parts) make_folder(path);
     write_atomically(folder.plan(), [&](const ByteSink& sink) { write_plan(plan, sink); });
   } catch (const RecordError&) {
     // Empty as it was, so that it can be tried again once there is room.

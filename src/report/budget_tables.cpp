@@ -3,8 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "src/record/csv.h"
+#include "src/record/folder.h"
 
 namespace turntable {
 namespace {
@@ -99,7 +101,7 @@ Table shown_table(const Plan& plan, const std::vector<const ErrorBudget*>& budge
         [i](const ErrorBudget& b) { return Cell(b.lines[i].found->total_deg()); });
   }
   row(
-      "**all together**", "root of the sum of squares; as found: pose by pose",
+      "all together", "root of the sum of squares; as found: pose by pose",
       [](const ErrorBudget& b) { return Cell(b.drawn.total_deg()); },
       [](const ErrorBudget& b) { return Cell(b.found->total_deg()); });
   row(
@@ -107,9 +109,9 @@ Table shown_table(const Plan& plan, const std::vector<const ErrorBudget*>& budge
       [](const ErrorBudget& b) { return Cell(b.monte_carlo_deg); }, nothing);
   const auto observed = [](const ErrorBudget& b) { return Cell(b.observed.total_deg()); };
   if (found)
-    row("**observed**", "over the same poses", nothing, observed);
+    row("observed", "over the same poses", nothing, observed);
   else
-    row("**observed**", "over the same poses", observed, nothing);
+    row("observed", "over the same poses", observed, nothing);
   return table;
 }
 
@@ -133,7 +135,7 @@ std::size_t shown_scenario(const Plan& plan, const std::vector<ErrorBudget>& bud
 std::vector<WrittenTable> write_budget_tables(const RunFolder& folder, const Plan& plan,
                                               const std::vector<ErrorBudget>& budgets) {
   if (budgets.empty()) return {};
-  std::filesystem::create_directories(folder.tables());
+  make_folder(folder.tables());
   const Table shown = shown_table(plan, of_scenario(budgets, shown_scenario(plan, budgets)));
   return {write_table(long_table(plan, budgets), shown, folder.tables())};
 }
@@ -165,7 +167,7 @@ std::string budget_text(const std::vector<WrittenTable>& written, const Plan& pl
       md += fmt::format(
           "- `{}`: predicted {} deg, observed {} deg: {:+.0f} %{}\n", b->solver->name,
           fixed(b->found->total_deg(), 4), fixed(b->observed.total_deg(), 4),
-          100.0 * (b->found->total_deg() / b->observed.total_deg() - 1.0),
+          std::round(100.0 * (b->found->total_deg() / b->observed.total_deg() - 1.0)) + 0.0,
           b->left_out == 0
               ? ""
               : fmt::format(" ({} poses left out, near which the solver jumps)", b->left_out));

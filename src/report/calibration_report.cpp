@@ -9,6 +9,7 @@
 #include "src/imaging/monomial_table.h"
 #include "src/imaging/opencv_yaml.h"
 #include "src/record/atomic_file.h"
+#include "src/record/folder.h"
 #include "src/report/html_report.h"
 #include "src/report/published.h"
 
@@ -163,14 +164,6 @@ std::string stage_text(const Calibration& c) {
         "approached anew, u and v together; the noise of the images is in it. A return to the "
         "first plane counts as drift only.\n\n";
   return md;
-}
-
-void make_folder(const fs::path& folder) {
-  std::error_code error;
-  fs::create_directories(folder, error);
-  if (error)
-    throw RecordError(fmt::format("{}: cannot be created: {}. Choose a folder that can be written.",
-                                  folder.string(), error.message()));
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 
 #include "src/record/atomic_file.h"
 #include "src/record/csv.h"
+#include "src/record/folder.h"
 #include "src/report/drawing.h"
 #include "src/report/html_report.h"
 #include "src/report/table.h"
@@ -18,6 +19,10 @@ namespace {
 constexpr std::size_t kFactsToRead = 60;  ///< in the text; all are in the table's files
 
 std::int64_t counted(std::size_t count) { return static_cast<std::int64_t>(count); }
+
+std::string_view poses_are(const RunChange& c) {
+  return c.verdict() == ChangeVerdict::kNothing ? "missing" : c.paired ? "paired" : "not paired";
+}
 
 Table changes_table(const RunComparison& comparison) {
   Table table{"comparison",
@@ -35,10 +40,9 @@ Table changes_table(const RunComparison& comparison) {
                {"verdict", "B is"}},
               {}};
   for (const RunChange& c : comparison.changes)
-    table.rows.push_back({c.scenario, std::string(c.solver->name),
-                          std::string(c.paired ? "paired" : "not paired"), counted(c.first_poses),
-                          counted(c.other_poses), counted(c.first_failed), counted(c.other_failed),
-                          c.first_rmse_deg, c.other_rmse_deg, c.change_deg,
+    table.rows.push_back({c.scenario, std::string(c.solver->name), std::string(poses_are(c)),
+                          counted(c.first_poses), counted(c.other_poses), counted(c.first_failed),
+                          counted(c.other_failed), c.first_rmse_deg, c.other_rmse_deg, c.change_deg,
                           std::string(change_verdict_name(c.verdict()))});
   return table;
 }
@@ -90,12 +94,11 @@ Draft change_figure(const std::filesystem::path& folder, const RunComparison& co
   for (const RunChange& c : comparison.changes) {
     if (std::ranges::find(solvers, c.solver) == solvers.end()) solvers.push_back(c.solver);
     ++line;
-    const double percent = 100.0 / c.first_rmse_deg;
-    if (!std::isfinite(c.change_deg.interval.lower) || !std::isfinite(percent)) continue;
+    if (!std::isfinite(c.change_share.interval.lower)) continue;
     csv.integer(counted(line)).text(fmt::format("{} {}", c.scenario, c.solver->name));
-    csv.text(c.solver->name).number(percent * c.change_deg.value, 3);
-    csv.number(percent * c.change_deg.interval.lower, 3);
-    csv.number(percent * c.change_deg.interval.upper, 3).end_row();
+    csv.text(c.solver->name).number(100.0 * c.change_share.value, 3);
+    csv.number(100.0 * c.change_share.interval.lower, 3);
+    csv.number(100.0 * c.change_share.interval.upper, 3).end_row();
   }
   Draft draft;
   draft.figure.name = "comparison_change";
@@ -124,14 +127,20 @@ std::string glance(const RunComparison& comparison) {
     return std::ranges::count(comparison.changes, verdict, &RunChange::verdict);
   };
   std::size_t unpaired = 0;
-  for (const RunChange& c : comparison.changes) unpaired += !c.paired;
+  for (const RunChange& c : comparison.changes)
+    unpaired += !c.paired && c.verdict() != ChangeVerdict::kNothing;
+  const auto nothing = number(ChangeVerdict::kNothing);
   return fmt::format(
       "**Of {} comparisons (scenario and solver) B is better in {}, worse in {}, the same within 1 "
       "% "
-      "in {}; {} are not told apart.**{} With many comparisons some intervals miss zero by chance: "
+      "in {}; {} are not told apart.**{}{} With many comparisons some intervals miss zero by "
+      "chance: "
       "about one in twenty.\n\n",
       comparison.changes.size(), number(ChangeVerdict::kBetter), number(ChangeVerdict::kWorse),
       number(ChangeVerdict::kSame), number(ChangeVerdict::kCannotTell),
+      nothing == 0
+          ? ""
+          : fmt::format(" In {} of them a run has measured no pose: nothing is compared.", nothing),
       unpaired == 0
           ? ""
           : fmt::format(
@@ -145,7 +154,7 @@ std::string glance(const RunComparison& comparison) {
 std::filesystem::path write_comparison(const std::filesystem::path& folder,
                                        const ComparedRuns& runs, const std::vector<RunFact>& facts,
                                        const RunComparison& comparison) {
-  for (const char* part : {"tables", "figures"}) std::filesystem::create_directories(folder / part);
+  for (const char* part : {"tables", "figures"}) make_folder(folder / part);
   const WrittenTable changes = write_table(changes_table(comparison), folder / "tables");
   const WrittenTable scenarios = write_table(scenarios_table(comparison), folder / "tables");
   const WrittenTable bias = write_table(bias_table(comparison), folder / "tables");

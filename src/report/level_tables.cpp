@@ -6,6 +6,7 @@
 
 #include "src/record/atomic_file.h"
 #include "src/record/csv.h"
+#include "src/record/folder.h"
 
 namespace turntable {
 namespace {
@@ -123,7 +124,7 @@ std::string identified_markdown(const RigModel& model, const SelfCalibration& fo
 
 std::vector<WrittenTable> write_level_tables(const RunFolder& folder, const Plan& plan,
                                              const TruthLevels& levels) {
-  std::filesystem::create_directories(folder.tables());
+  make_folder(folder.tables());
   std::vector<WrittenTable> written;
   if (!levels.judged.rows.empty())
     written.push_back(write_table(levels_long(plan, levels.judged),
@@ -160,7 +161,7 @@ std::string levels_text(const std::vector<WrittenTable>& written, const TruthLev
       md += fmt::format(
           "### {}\n\n"
           "From {} poses, with {} errors of arrivals beside these parameters; {} iterations{}. Chi "
-          "square per degree of freedom {:.3f}{}. Each estimate starts from its drawing and the "
+          "square per degree of freedom {:.3f}{}.{} Each estimate starts from its drawing and the "
           "tolerance under \"prior\" (standard uncertainties). *Held*: the run does not determine "
           "it, so that the drawing stands. *Weakly determined*: run and drawing have both their "
           "say. "
@@ -176,9 +177,11 @@ std::string levels_text(const std::vector<WrittenTable>& written, const TruthLev
           table.title, found.poses, found.arrivals, found.iterations,
           found.converged ? "" : ", **not converged**", found.chi2 / found.dof,
           found.noise_factor != 1.0
-              ? fmt::format(": the noise of the spots counts {:.2f} times what is stated",
+              ? fmt::format(" as stated; the noise of the spots counts {:.2f} times that, which "
+                            "brings it to one",
                             found.noise_factor)
               : "",
+          found.has_misfit() ? fmt::format(" **{}**", misfit_text(found)) : "",
           levels.model->stage_made_frame() ? "The camera was calibrated on the stage, so that its "
                                              "rays lean with it: the stage's "
                                              "lean shows as a sheared target."
@@ -188,6 +191,16 @@ std::string levels_text(const std::vector<WrittenTable>& written, const TruthLev
     }
   }
   return md;
+}
+
+std::string misfit_text(const SelfCalibration& found) {
+  if (!found.has_misfit()) return {};
+  return fmt::format(
+      "The rig model does not explain this run: its residuals are {:.1f} times the stated noise of "
+      "the spots. Something that no parameter describes is larger, as a periodic error of an axis "
+      "or a stage that bends; compare the self-calibrated errors of the scenarios, and trust "
+      "parameters and uncertainties with care.",
+      found.noise_factor);
 }
 
 }  // namespace turntable

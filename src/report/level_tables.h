@@ -23,4 +23,7 @@ std::string levels_text(const std::vector<WrittenTable>& written, const TruthLev
 /// The table of parameters as Markdown: what `turntable identify` prints.
 std::string identified_markdown(const RigModel& model, const SelfCalibration& found);
 
+/// What to make of a rig model that does not explain the run; empty if it does.
+std::string misfit_text(const SelfCalibration& found);
+
 }  // namespace turntable

@@ -8,6 +8,7 @@
 
 #include "src/evaluation/scenario_statistics.h"
 #include "src/record/csv.h"
+#include "src/record/folder.h"
 
 namespace turntable {
 namespace {
@@ -182,7 +183,7 @@ WrittenTable write_noise_table(const RunFolder& folder, const NoiseCampaign& cam
                             e.pitch.rmse_deg, e.roll.rmse_deg, e.yaw.rmse_deg, s.rmse_total_deg,
                             e.geodesic.max_deg, level.median_spot_sigma_px, level.spot_shift_px});
     }
-  std::filesystem::create_directories(folder.tables());
+  make_folder(folder.tables());
   return write_table(table, folder.tables());
 }
 

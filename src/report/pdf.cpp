@@ -27,8 +27,6 @@ namespace {
 namespace fs = std::filesystem;
 using std::chrono::steady_clock;
 
-constexpr std::chrono::seconds kPrintTimeout{60};
-
 /// Chromium's names, the one that begins fastest first.
 constexpr const char* kChromium[] = {"chromium-headless-shell", "chromium", "chromium-browser",
                                      "google-chrome"};
@@ -65,10 +63,11 @@ class Group {
 
   bool started() const { return child_ != 0; }
   /// True once it has ended. @throws Interrupted.
-  bool ended_within(steady_clock::duration time) {
+  bool ended_within(steady_clock::duration time, const std::function<void()>& waiting) {
     const auto end = steady_clock::now() + time;
     while (!ended_ && steady_clock::now() < end) {
       throw_if_interrupted();
+      if (waiting) waiting();
       wait(WNOHANG);
       if (!ended_) std::this_thread::sleep_for(std::chrono::milliseconds(10));
     }
@@ -108,7 +107,8 @@ bool is_whole_pdf(const fs::path& file) {
 
 }  // namespace
 
-std::optional<std::string> print_pdf(std::string_view page, const fs::path& pdf) try {
+std::optional<std::string> print_pdf(std::string_view page, const fs::path& pdf,
+                                     const std::function<void()>& waiting) try {
   std::string pattern = (temporary_files() / "turntable-print-XXXXXX").string();
   if (::mkdtemp(pattern.data()) == nullptr)
     throw RecordError(
@@ -143,7 +143,7 @@ std::optional<std::string> print_pdf(std::string_view page, const fs::path& pdf)
     command.insert(command.end(), options.begin(), options.end());
     Group chromium(std::move(command));
     if (!chromium.started()) continue;
-    if (!chromium.ended_within(kPrintTimeout))
+    if (!chromium.ended_within(kPrintTimeout, waiting))
       return fmt::format("{} was not printed: {} took longer than {} s and was ended. {}",
                          pdf.string(), program, kPrintTimeout.count(), kByHand);
     if (is_whole_pdf(printed)) {

@@ -9,6 +9,7 @@
 
 #include "src/record/atomic_file.h"
 #include "src/record/csv.h"
+#include "src/record/folder.h"
 #include "src/record/run_journal.h"
 #include "src/report/budget_tables.h"
 #include "src/report/calibration_report.h"
@@ -104,8 +105,9 @@ std::string summary_text(const RunRecord& record, const Evaluation& evaluation,
   }
   std::string md = fmt::format(
       "{} of {} planned poses were taken{}.", record.poses.size(), record.plan.poses.size(),
-      record.complete()
-          ? ""
+      record.complete() ? ""
+      : record.exit_status.empty()
+          ? std::string("; the run ended early: killed, or its journal was cut off")
           : fmt::format("; the run ended early ({}: {})", record.exit_status, record.reason));
   for (const PlaneResidual& p : calibration.planes)
     if (!p.fitted)
@@ -333,7 +335,7 @@ std::filesystem::path write_report(const RunFolder& folder, const Results& resul
   const auto& [record, rig, calibration, set, evaluation, cameras, levels, statistics, budgets,
                noisy_spots, noise] = results;
   const std::vector<WrittenTable> tables = write_tables(folder, results);
-  std::filesystem::create_directories(folder.figures());
+  make_folder(folder.figures());
   // The paper's in the order of its numbers, then what goes beyond.
   std::vector<Draft> drafts, beyond;
   const auto take = [&](std::vector<Draft> made) {

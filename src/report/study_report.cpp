@@ -8,6 +8,7 @@
 #include "src/core/errors.h"
 #include "src/core/units.h"
 #include "src/record/atomic_file.h"
+#include "src/record/folder.h"
 #include "src/report/html_report.h"
 
 namespace turntable {
@@ -429,14 +430,6 @@ std::string study_text(const SolverStudy& study) {
   return md;
 }
 
-void make_study_folder(const StudyPath& folder) {
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  if (error)
-    throw RecordError(fmt::format("{}: cannot be created: {}. Choose a folder that can be written.",
-                                  folder.string(), error.message()));
-}
-
 /// @param name relative to the study's folder, with '/'.
 bool is_of_study(const std::string& name) {
   if (name == "study.md" || name == "study.html" || name == "tables" || name == "figures")
@@ -569,8 +562,8 @@ std::filesystem::path foreign_to_study(const StudyPath& folder) {
 std::filesystem::path write_study_report(const std::filesystem::path& folder,
                                          const SolverStudy& study) {
   remove_earlier_study(folder);
-  make_study_folder(folder / "figures");
-  make_study_folder(folder / "tables");
+  make_folder(folder / "figures");
+  make_folder(folder / "tables");
   noise_csv(study).write(folder / "tables" / "noise.csv");
   basin_csv(study).write(folder / "tables" / "basin.csv");
   if (!study.map.empty()) basin_map_csv(study).write(folder / "tables" / "basin_map.csv");

@@ -11,6 +11,7 @@ namespace turntable {
 namespace {
 
 namespace fs = std::filesystem;
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
@@ -129,6 +130,8 @@ TEST_F(QuickRun, NoiseThatMeansNothingIsRefusedBeforeTheWork) {
   refused("--noise 0", "--noise");
   refused("--noise 5,abc", "--noise");
   refused("--noise 5,300", "--noise");
+  refused("--noise nan", "found nan, allowed: a number from 0.01 to 255");
+  refused("--noise 5,nan", "found nan");
   refused("--noise", "--noise");
   refused("--scenario quick_triaxial_xyz", "--noise");
   refused("--noise 5 --noise-seed -1", "--noise-seed");
@@ -200,6 +203,27 @@ TEST_F(QuickRun, IsSetBesideAnotherOneWithWhatDiffers) {
   EXPECT_THAT(slurp(folder / "itself/comparison.md"), HasSubstr("Nothing: rig, scenarios"));
   EXPECT_THAT(itself.output, Not(HasSubstr("B is better")));
   EXPECT_THAT(itself.output, HasSubstr("B is the same within 1 %"));
+  EXPECT_THAT(itself.output, HasSubstr("are the same run"));
+}
+
+TEST_F(QuickRun, IsComparedWithOneThatWasCutOffAsFarAsThatGoes) {
+  const fs::path cut = folder / "cut";
+  fs::copy(run, cut, fs::copy_options::recursive);
+  const std::string journal = slurp(run / "journal.jsonl");
+  spill(cut / "journal.jsonl", journal.substr(0, journal.size() / 2));
+  const Outcome outcome = verb("report " + cut.string() + " " + run.string() + " --no-pdf");
+  EXPECT_EQ(outcome.code, 4) << outcome.output;
+  EXPECT_THAT(outcome.output, HasSubstr("not compared: 0 poses of A"));
+  EXPECT_THAT(outcome.output, HasSubstr("journal.jsonl"));  // its last line is no whole one
+  EXPECT_THAT(outcome.output, Not(HasSubstr("nan")));
+  const fs::path compared = cut / "compare_run";
+  EXPECT_THAT(slurp(compared / "comparison.md"),
+              AllOf(HasSubstr("a run has measured no pose"), Not(HasSubstr("nan"))));
+  EXPECT_THAT(slurp(compared / "tables/comparison.csv"), HasSubstr("missing,0,"));
+  EXPECT_THAT(slurp(compared / "tables/comparison.tex"), Not(HasSubstr("nan")));
+  const Outcome report = verb("report " + cut.string() + " --no-pdf");
+  EXPECT_EQ(report.code, 4) << report.output;
+  EXPECT_THAT(slurp(cut / "report.md"), HasSubstr("the run ended early: killed"));
 }
 
 TEST_F(QuickRun, IsNotComparedWithWhatItCannotBe) {
@@ -222,6 +246,11 @@ TEST_F(QuickRun, IsNotComparedWithWhatItCannotBe) {
   refused(name + " " + single.string(), "no attitude scenario in common");
   fs::remove(single / "calibration.json");
   refused(name + " " + single.string(), "turntable evaluate");
+  refused(single.string(), "turntable evaluate");
+  EXPECT_FALSE(fs::exists(single / "report.pdf"));
+  spill(folder / "file", "");
+  for (const char* out : {"file", "file/", "file/below"})
+    refused(name + " " + name + " --out " + (folder / out).string(), "is a file");
 }
 
 }  // namespace

@@ -1,0 +1,17 @@
+// Folders that outputs go to.
+#pragma once
+
+#include <filesystem>
+#include <string_view>
+
+namespace turntable {
+
+/// Makes it with the folders above it; nothing if it is there. @throws RecordError naming it and the
+/// cause.
+void make_folder(const std::filesystem::path& folder);
+
+/// Before long work whose outputs go there. @param what "the study": is named with the advice.
+/// @throws ConfigError if a file lies in the way, or nothing can be written there.
+void require_writable(const std::filesystem::path& folder, std::string_view what);
+
+}  // namespace turntable
