@@ -126,7 +126,7 @@ void verify_outputs(const RunFolder& folder, RunFindings& findings) {
     write_noise_poses(*made.noise, made.record.plan, again.noise_poses());
   }
   if (!beside_are_there)
-    for (const char* name : {"camera_solver.csv", "camera_solver.md"})
+    for (const char* name : {"camera_solver.csv", "camera_solver.md", "camera_solver.tex"})
       if (fs::exists(folder.tables() / name, error))
         fs::copy_file(folder.tables() / name, again.tables() / name,
                       fs::copy_options::overwrite_existing);

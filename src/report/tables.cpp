@@ -13,6 +13,7 @@
 #include "src/imaging/monomial_table.h"
 #include "src/record/atomic_file.h"
 #include "src/record/csv.h"
+#include "src/record/folder.h"
 #include "src/report/budget_tables.h"
 #include "src/report/level_tables.h"
 #include "src/report/noise_report.h"
@@ -100,76 +101,37 @@ std::string own_table_name(const std::string& scenario) {
   return taken ? "scenario_" + scenario : scenario;
 }
 
-/// What the camera model gains and what the solver gains, one group of rows per rig.
-WrittenTable write_camera_solver_table(const RunFolder& folder,
-                                       const std::vector<CameraComparison>& comparisons) {
-  Csv csv({"run", "camera", "solver", "poses", "failed", "rmse_total_deg", "rmse_lower_deg",
-           "rmse_upper_deg", "change_from_posit_deg", "change_from_posit_lower_deg",
-           "change_from_posit_upper_deg", "change_from_camera_before_deg",
-           "change_from_camera_before_lower_deg", "change_from_camera_before_upper_deg"});
-  using Column = WithInterval CameraSolverCell::*;
-  constexpr std::array<std::pair<Column, const char*>, 3> kParts{{
-      {&CameraSolverCell::rmse_deg, "Total RMSE / deg [95 % interval]"},
-      {&CameraSolverCell::from_first_solver_deg,
-       "What the solver gains: change against POSIT with the same camera / deg"},
-      {&CameraSolverCell::from_camera_before_deg,
-       "What the camera gains: change against another camera with the same solver / deg"},
-  }};
-  std::string md;
-  std::int64_t number = 0;  // 1 = this run
+std::int64_t whole(std::size_t count) { return static_cast<std::int64_t>(count); }
+
+/// What the camera model gains and what the solver gains, one group of rows per rig and camera.
+Table camera_solver_table(const std::vector<CameraComparison>& comparisons) {
+  Table table{"camera_solver",
+              "Camera model and solver: which of the two gains what",
+              {{"run", ""},  // 1 = this run
+               {"", comparisons.size() > 1 ? "Rig" : ""},
+               {"camera", "Camera"},
+               {"solver", "Solver"},
+               {"poses", "Poses"},
+               {"failed", "Failed"},
+               {"rmse_total_deg", "Total RMSE / deg [95 %]"},
+               {"change_from_posit_deg", "Change against POSIT, same camera / deg [95 %]"},
+               {"camera_before", "Camera before"},
+               {"change_from_camera_before_deg", "Change against it, same solver / deg [95 %]"}},
+              {}};
+  std::int64_t run = 0;
   for (const CameraComparison& c : comparisons) {
-    ++number;
-    if (comparisons.size() > 1) md += fmt::format("**{}**\n\n", c.rig);
-    for (const auto& [column, title] : kParts) {
-      const bool of_cameras = column == &CameraSolverCell::from_camera_before_deg;
-      if (of_cameras && c.cameras.size() < 2) continue;
-      md += fmt::format("{}:\n\n| camera |", title);
-      std::string line = "|---|";
-      for (const Solver* solver : c.solvers) {
-        md += fmt::format(" {} |", solver->name);
-        line += "--:|";
-      }
-      md += "\n" + line;
-      for (std::size_t k = 0; k < c.cells.size(); ++k) {
-        const CameraSolverCell& cell = c.cells[k];
-        if (of_cameras && k < c.solvers.size()) continue;  // against nothing
-        if (k % c.solvers.size() == 0)
-          md += of_cameras ? fmt::format("\n| {} against {} |", cell.camera,
-                                         c.cells[k - c.solvers.size()].camera)
-                           : fmt::format("\n| {} |", cell.camera);
-        const WithInterval& v = cell.*column;
-        const bool is_change = column != &CameraSolverCell::rmse_deg;
-        md += !std::isfinite(v.value) ? std::string(" - |")
-              : is_change
-                  ? fmt::format(" {:+.4f} [{:+.4f}, {:+.4f}] |", v.value, v.interval.lower,
-                                v.interval.upper)
-                  : fmt::format(" {:.4f} [{:.4f}, {:.4f}]{} |", v.value, v.interval.lower,
-                                v.interval.upper,
-                                cell.failed == 0
-                                    ? ""
-                                    : fmt::format(", {} of {} failed", cell.failed, cell.poses));
-      }
-      md += "\n\n";
-    }
-    for (const CameraSolverCell& cell : c.cells) {
-      csv.integer(number).text(cell.camera).text(cell.solver->name);
-      csv.integer(static_cast<std::int64_t>(cell.poses));
-      csv.integer(static_cast<std::int64_t>(cell.failed));
-      for (const auto& part : kParts) {
-        const WithInterval& v = cell.*part.first;
-        for (const double value : {v.value, v.interval.lower, v.interval.upper})
-          csv.number(value, 6);
-      }
-      csv.end_row();
+    ++run;
+    for (std::size_t k = 0; k < c.cells.size(); ++k) {
+      const CameraSolverCell& cell = c.cells[k];
+      Cell before;
+      if (k >= c.solvers.size()) before = c.cells[k - c.solvers.size()].camera;
+      table.rows.push_back({run, c.rig, cell.camera, std::string(cell.solver->name),
+                            whole(cell.poses), whole(cell.failed), cell.rmse_deg,
+                            cell.from_first_solver_deg, before, cell.from_camera_before_deg});
     }
   }
-  const std::string title = "Camera model and solver: which of the two gains what";
-  csv.write(folder.tables() / "camera_solver.csv");
-  write_atomically(folder.tables() / "camera_solver.md", fmt::format("# {}\n\n{}", title, md));
-  return {"camera_solver", title, md};
+  return table;
 }
-
-std::int64_t whole(std::size_t count) { return static_cast<std::int64_t>(count); }
 
 /// (level, row) of every level, one after the other.
 template <class Row>
@@ -369,12 +331,12 @@ void write_statistics(const RunFolder& folder, const Results& results,
 
 std::vector<WrittenTable> write_tables(const RunFolder& folder, const Results& results) {
   const Plan& plan = results.plan();
-  std::filesystem::create_directories(folder.tables());
+  make_folder(folder.tables());
   std::vector<WrittenTable> written{write_table1(folder, results.calibration)};
   write_error_tables(folder, plan, results.evaluation, written);
   const std::vector<CameraComparison>& cameras = results.cameras;
   if (!cameras.empty() && !cameras.front().cells.empty() && cameras.front().cells.front().poses > 0)
-    written.push_back(write_camera_solver_table(folder, cameras));
+    written.push_back(write_table(camera_solver_table(cameras), folder.tables()));
   write_statistics(folder, results, written);
   for (WrittenTable& table : write_level_tables(folder, plan, results.levels))
     written.push_back(std::move(table));

@@ -80,6 +80,18 @@ TEST_F(DamagedCopy, VerifyMakesEverythingThatFollowsAgain) {
   EXPECT_EQ(verify().code, 0);
 }
 
+TEST_F(DamagedCopy, ReportSaysThatPosesCsvIsNotWhatWasWritten) {
+  const std::string report = "report " + run.string() + " --no-pdf";
+  const Outcome sound = turntable_program(report);
+  EXPECT_EQ(sound.code, 0) << sound.output;
+  EXPECT_THAT(sound.output, Not(HasSubstr("poses.csv")));
+  const std::string poses = slurp(run / "poses.csv");
+  spill(run / "poses.csv", poses.substr(0, poses.size() / 2));
+  EXPECT_THAT(turntable_program(report).output, HasSubstr("poses.csv: was changed after"));
+  fs::remove(run / "poses.csv");
+  EXPECT_THAT(turntable_program(report).output, HasSubstr("poses.csv: is missing"));
+}
+
 TEST_F(DamagedCopy, ItsStartDocumentSaysWhatTheResultsOweTheirBeingTo) {
   const Json start = Json::parse(read_run_state(RunFolder::open(run)).start_document);
   const Json& p = start.at("provenance");
