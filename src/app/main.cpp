@@ -5,6 +5,7 @@
 
 #include <CLI/CLI.hpp>
 #include <csignal>
+#include <cstdio>
 #include <cstdlib>
 #include <exception>
 #include <iostream>
@@ -41,47 +42,41 @@ CLI::Validator number_in(double least, double most) {
   return CLI::Validator(check, fmt::format("in [{:g} - {:g}]", least, most));
 }
 
-/// What went before it comes first, also where both outputs go into one file.
-void complain(const std::string& message) {
-  std::fflush(stdout);
-  spdlog::error("{}", message);
-}
-
 int guarded(const std::function<int()>& verb) {
   try {
     return verb();
   } catch (const Interrupted& e) {
-    complain(e.what());
+    spdlog::error("{}", e.what());
     return kInterrupted;
   } catch (const ConfigError& e) {
-    complain(e.what());
+    spdlog::error("{}", e.what());
     return kBadInput;
   } catch (const LimitError& e) {
-    complain(e.what());
+    spdlog::error("{}", e.what());
     return kBadInput;
   } catch (const RecordError& e) {
-    complain(e.what());
+    spdlog::error("{}", e.what());
     return kDeviceTrouble;
   } catch (const LineError& e) {
-    complain(e.what());
+    spdlog::error("{}", e.what());
     return kDeviceTrouble;
   } catch (const TimeoutError& e) {
-    complain(e.what());
+    spdlog::error("{}", e.what());
     return kDeviceTrouble;
   } catch (const ProtocolError& e) {
-    complain(e.what());
+    spdlog::error("{}", e.what());
     return kDeviceTrouble;
   } catch (const DeviceError& e) {
-    complain(e.what());
+    spdlog::error("{}", e.what());
     return kDeviceTrouble;
   } catch (const Error& e) {
-    complain(e.what());
+    spdlog::error("{}", e.what());
     return kBadInput;
   } catch (const std::exception& e) {
-    complain(fmt::format(
+    spdlog::error(
         "unexpected: {}. This is a defect of the program; the journal of the run, if any, is "
         "intact.",
-        e.what()));
+        e.what());
     return kDeviceTrouble;
   }
 }
@@ -93,6 +88,8 @@ int main(int argc, char** argv) {
   // A file that may grow no more is an error of its write, with axes to be stopped and poses to be
   // kept, and not the death of the program.
   std::signal(SIGXFSZ, SIG_IGN);
+  // In a file that takes both outputs, complaints stand where they belong.
+  std::setvbuf(stdout, nullptr, _IOLBF, BUFSIZ);
   spdlog::set_default_logger(spdlog::stderr_color_mt("turntable"));
   spdlog::set_pattern("turntable: %^%l%$: %v");
 

@@ -26,6 +26,16 @@ std::string_view asset(std::string_view name) {
   throw std::logic_error(fmt::format("{} is not built in", name));
 }
 
+/// "[0.23, 0.57]" is not broken into lines.
+void keep_intervals_whole(std::string& html) {
+  for (std::size_t at = 0; (at = html.find('[', at)) != std::string::npos; ++at) {
+    const std::size_t end = html.find_first_not_of("+-.0123456789, ", at + 1);
+    const std::size_t blank = html.find(", ", at);
+    if (end != std::string::npos && html[end] == ']' && blank < end)
+      html.replace(blank + 1, 1, "&#160;");
+  }
+}
+
 void replace_every(std::string& text, std::string_view from, std::string_view to) {
   for (std::size_t at = 0; (at = text.find(from, at)) != std::string::npos; at += to.size())
     text.replace(at, from.size(), to);
@@ -366,6 +376,7 @@ std::string markdown_to_html(std::string_view markdown) {
   replace_every(html, "<p>&lt;/details&gt;</p>", "</details>");
   replace_every(html, "<table>", "<div class=\"scroll\"><table>");
   replace_every(html, "</table>", "</table></div>");
+  keep_intervals_whole(html);
   replace_every(html, "<th", "<th scope=\"col\"");
   replace_every(html, "<th scope=\"col\"ead", "<thead");
   // Ids for the headings, told apart by a number where two have the same text.

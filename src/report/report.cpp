@@ -399,7 +399,7 @@ std::filesystem::path write_report(const RunFolder& folder, const Results& resul
         "initial poses: the errors of those, which all poses share, are not in them. Small "
         "differences between cameras, sure as their intervals look, are this calibration's; "
         "another "
-        "one may turn them round.\n\n{}",
+        "one may turn them round.\n\n{}\n",
         t->title, counted_poses(cameras), t->markdown);
 
   md += levels_text(tables, levels);

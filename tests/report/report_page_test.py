@@ -172,6 +172,8 @@ tables.forEach((t, i) => {
   if (t.querySelectorAll("tbody tr").length === 0) wrong.push(`table ${i} has no rows`);
   if (t.querySelectorAll("th[scope]").length === 0) wrong.push(`table ${i} has no header cells`);
 });
+for (const e of document.querySelectorAll("td, p, li"))
+  if (/^(#+ |\||- )|\*\*/.test(e.textContent)) wrong.push(`Markdown stayed what it is: ${e.textContent.slice(0, 60)}`);
 const figures = document.querySelectorAll("figure");
 if (figures.length < 15) wrong.push(`${figures.length} figures`);
 for (const f of figures) {
