@@ -55,7 +55,7 @@ RayPlanes planes_of(const std::vector<double>& heights, const fs::path& file) {
 /// Where the calibration will go, checked before the work: a folder that is new, empty, or holds
 /// nothing but an earlier calibration.
 void check_output(const fs::path& out) {
-  require_writable(out, "the calibration");
+  require_writable(out, "the calibration", "--out");
   std::error_code error;
   if (!fs::is_directory(out, error) || fs::is_empty(out, error)) return;
   if (fs::exists(out / "plan.json", error))

@@ -34,7 +34,6 @@ struct Compared {
 
 Compared compared(const fs::path& run) {
   const RunFolder folder = RunFolder::open(run);
-  require_evaluated(folder);
   EvaluationRecord how = read_evaluation_record(folder, load_plan(folder.plan()));
   StoredRun stored = stored_run(folder, how.solvers);
   return {folder, std::move(how), std::move(stored)};
@@ -70,7 +69,8 @@ int compare_command(const ReportArguments& a) {
   if (fs::equivalent(first, other, none))
     spdlog::warn("{} and {} are the same run.", first.string(), other.string());
   const fs::path out = a.out.empty() ? first / ("compare_" + folder_name(other)) : a.out;
-  require_writable(out, "the comparison");
+  for (const fs::path& run : a.runs) (void)RunFolder::open(run);
+  require_writable(out, "the comparison", "--out");
   const Compared one = compared(first), two = compared(other);
   const Plan &plan = one.run.record.plan, &other_plan = two.run.record.plan;
   const RunComparison comparison =
@@ -112,8 +112,15 @@ int compare_command(const ReportArguments& a) {
                             : "too few poses for an interval",
                change_verdict_name(c.verdict()));
   }
+  for (const auto& [name, run] : {std::pair("A", &one.run), std::pair("B", &two.run)})
+    if (!run->record.complete())
+      spdlog::warn("{} ended early: {} of {} planned poses were taken.", name,
+                   run->record.poses.size(), run->record.plan.poses.size());
   if (failed > 0)
-    spdlog::warn("{} results failed; the report of each run says which and why.", failed);
+    spdlog::warn(
+        "{} results are missing, of poses that failed or were never taken; the report of each run "
+        "says which and why.",
+        failed);
   renew_pdf(out / "comparison.md", !a.no_pdf);
   fmt::print("comparison: {}\n", page.string());
   return failed > 0 ? kFailedPoses : kDone;

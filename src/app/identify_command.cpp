@@ -3,7 +3,6 @@
 
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <regex>
 
 #include "src/app/commands.h"
 #include "src/app/outputs.h"
@@ -61,21 +60,28 @@ OrderedJson origin_of(const RunFolder& folder, const RunRecord& record) {
           {"began_utc", record.sessions.empty() ? "" : record.sessions.front().began_utc}};
 }
 
-/// JSON for people: every list of numbers on one line.
-std::string for_people(const OrderedJson& json) {
-  static const std::regex numbers(R"(\[\s+((?:-?[\d.eE+-]+,?\s+)+)\])");
-  static const std::regex gap(R"(\s+)");
-  const std::string text = json.dump(2) + "\n";
-  std::string out;
-  auto rest = text.cbegin();
-  for (std::sregex_iterator it(text.begin(), text.end(), numbers), end; it != end; ++it) {
-    out.append(rest, (*it)[0].first);
-    std::string row = std::regex_replace((*it)[1].str(), gap, " ");
-    row.pop_back();
-    out += "[" + row + "]";
-    rest = (*it)[0].second;
-  }
-  return out.append(rest, text.cend());
+std::string identified(const std::string& title) {
+  return title.ends_with(", identified") ? title : title + ", identified";
+}
+
+/// JSON for people: what fits a line is on one.
+std::string for_people(const OrderedJson& json, std::size_t indent = 0) {
+  constexpr std::size_t kLine = 110;
+  if (!json.is_structured() || json.empty()) return json.dump();
+  const auto joined = [&](const std::string& between, std::size_t deeper) {
+    std::string out;
+    for (const auto& [key, value] : json.items())
+      out += (out.empty() ? "" : between) +
+             (json.is_object() ? OrderedJson(key).dump() + ": " : std::string()) +
+             for_people(value, deeper);
+    return out;
+  };
+  const char open = json.is_object() ? '{' : '[', close = json.is_object() ? '}' : ']';
+  const std::string flat = open + joined(", ", kLine) + close;
+  if (indent >= kLine || (indent > 0 && indent + flat.size() <= kLine)) return flat;
+  const std::string margin(indent + 2, ' ');
+  return open + ("\n" + margin) + joined(",\n" + margin, indent + 2) + "\n" +
+         std::string(indent, ' ') + close;
 }
 
 /// A path that was relative to the old file, for the new one.
@@ -88,8 +94,7 @@ void move_path(OrderedJson& object, const char* key, const fs::path& from, const
 std::string corrected_rig(const Results& made, const RigParameters& found,
                           const OrderedJson& origin, const fs::path& out) {
   OrderedJson json = OrderedJson::parse(made.rig.source);
-  const std::string& title = made.rig.title;
-  json["title"] = title.ends_with(", identified") ? title : title + ", identified";
+  json["title"] = identified(made.rig.title);
   json["identified_from"] = origin;
   OrderedJson& gimbal = json["gimbal"];
   gimbal["plane_from_gimbal_deg"] = numbers(found.plane_from_gimbal_deg, 4);
@@ -123,7 +128,7 @@ std::string corrected_rig(const Results& made, const RigParameters& found,
   if (json.contains("telemetry"))
     for (auto& [name, channel] : json["telemetry"]["channels"].items())
       move_path(channel, "file", from, to);
-  const std::string text = for_people(json);
+  const std::string text = for_people(json) + "\n";
   (void)parse_rig_file(text, out.string(), to);  // what is written can be read
   return text;
 }
@@ -131,12 +136,12 @@ std::string corrected_rig(const Results& made, const RigParameters& found,
 std::string corrected_target(const Results& made, const RigParameters& found,
                              const OrderedJson& origin) {
   OrderedJson json{{"format", "turntable-target/1"},
-                   {"title", fmt::format("Target of {}, identified", made.rig.title)},
+                   {"title", identified("Target of " + made.rig.title)},
                    {"identified_from", origin},
                    {"points_mm", OrderedJson::array()}};
   for (const Vector3d& p : found.target_points_mm) json["points_mm"].push_back(numbers(p, 4));
   json["uncertainty_mm"] = rounded(target_uncertainty_mm(*made.levels.model, made.levels.found), 4);
-  return for_people(json);
+  return for_people(json) + "\n";
 }
 
 }  // namespace

@@ -163,8 +163,7 @@ int main(int argc, char** argv) {
           "--planes", calibrate.planes_mm,
           "OpenCV camera: two heights between which its rays are stated, mm, negative = in "
           "front")
-      ->delimiter(',')
-      ->check(number_in(-1e6, 1e6));
+      ->delimiter(',');
   calibrate_verb->add_option(
       "--out", calibrate.out,
       "folder for calibration.json, calibration.md, figures, tables and OpenCV files (default: "

@@ -4,6 +4,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
@@ -108,6 +109,11 @@ void write_evaluation_record(const EvaluationRecord& record, const fs::path& fil
   write_atomically(file, json.dump(1) + "\n");
 }
 
+/// "-" where no pose was measured.
+std::string rmse_text(double rmse_deg) {
+  return std::isfinite(rmse_deg) ? fmt::format("{:.4f}", rmse_deg) : "-";
+}
+
 void warn_if_torn(const RunFolder& folder, const RunRecord& record) {
   if (record.torn) spdlog::warn("{}: {}", folder.journal().string(), *record.torn);
 }
@@ -138,6 +144,7 @@ void require_evaluated(const RunFolder& folder) {
 }
 
 StoredRun stored_run(const RunFolder& folder, std::vector<const Solver*> solvers) {
+  require_evaluated(folder);
   StoredRun out;
   out.record = read_run(folder);
   warn_if_torn(folder, out.record);
@@ -254,15 +261,15 @@ int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrit
     fmt::print("camera: plane {:8.3f} mm ({}): residual {:.4f} mm rms, {:.4f} mm max, {} circles\n",
                p.z_mm, p.fitted ? "fitted" : "kept out", p.rms_mm, p.max_mm, p.points);
   for (const RepeatStatistics& r : repeat_statistics(made.evaluation))
-    fmt::print("{:<14} repeat {}  {:<18} total RMSE {:.4f} deg  {} poses, {} failed\n",
+    fmt::print("{:<14} repeat {}  {:<18} total RMSE {} deg  {} poses, {} failed\n",
                plan.scenarios[r.scenario].name, r.repeat, r.solver->name,
-               r.statistics.rmse_total_deg, r.statistics.poses, r.statistics.failed);
+               rmse_text(r.statistics.rmse_total_deg), r.statistics.poses, r.statistics.failed);
   if (made.noise)
     for (const NoiseLevel& level : made.noise->levels)
       for (const ScenarioStatistics& s : scenario_statistics(level.evaluation))
-        fmt::print("noise {:5g} grey  {}  {:<18} total RMSE {:.4f} deg  {} poses, {} failed\n",
+        fmt::print("noise {:5g} grey  {}  {:<18} total RMSE {} deg  {} poses, {} failed\n",
                    level.sigma_grey, made.noise->options.scenario, s.solver->name,
-                   s.rmse_total_deg.value, s.pooled.poses, s.pooled.failed);
+                   rmse_text(s.rmse_total_deg.value), s.pooled.poses, s.pooled.failed);
   const std::size_t failed = failed_results(made.evaluation);
   if (failed > 0)
     spdlog::warn("{} results failed; poses.csv and report.md say which and why.", failed);

@@ -40,7 +40,7 @@ std::vector<Vector3d> studied_target(const std::filesystem::path& file) {
 
 /// Checked before the work: a folder that is new, empty, or holds nothing but an earlier study.
 void check_study_folder(const std::filesystem::path& out) {
-  require_writable(out, "the study");
+  require_writable(out, "the study", "--out");
   std::error_code error;
   if (!std::filesystem::is_directory(out, error)) return;
   if (const std::filesystem::path other = foreign_to_study(out); !other.empty())

@@ -18,7 +18,6 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 /// Of the start, mm: a step corrects more than what is then left.
 constexpr double kStartTolerance = 0.05;
 constexpr double kMinPivot = 1e-14;
-constexpr double kRidge = 1e-13;
 /// Of chi^2: the step to it is a three-thousandth of a standard deviation.
 constexpr double kSmallGain = 1e-7;
 
@@ -49,7 +48,7 @@ class Refinement {
   /// Degrees of freedom of chi^2. Parallel rays leave T_z to the ridge; nearly parallel ones spend it
   /// on their scale.
   double dof(const Normal& at) const {
-    const bool ridge_alone = height_undefined_ && at.N(5, 5) < 2.0 * kRidge * at.N(4, 4);
+    const bool ridge_alone = height_undefined_ && at.N(5, 5) < 2.0 * kHeightRidge * at.N(4, 4);
     return 2.0 * n_ - (ridge_alone ? 5.0 : 6.0);
   }
 
@@ -82,8 +81,7 @@ class Refinement {
     out.N.bottomRightCorner<3, 3>() = tt;
     out.gradient.head<3>() = gd;
     out.gradient.tail<3>() = gt;
-    // Parallel rays know nothing of T_z, nearly parallel ones let it serve as a scale.
-    if (height_undefined_) out.N(5, 5) += kRidge * out.N(4, 4);
+    if (height_undefined_) out.N(5, 5) += kHeightRidge * out.N(4, 4);
     return out;
   }
 

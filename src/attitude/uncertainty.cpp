@@ -59,9 +59,6 @@ Linearised linearise(const TargetModel& target, const Observation& observation, 
   return out;
 }
 
-/// As in ml_ray.h: what keeps T_z where parallel rays know nothing of it.
-constexpr double kHeightRidge = 1e-13;
-
 /// (J^T J)^-1 of (delta, T), lengths of one size inside.
 Matrix6d inverse_information(const Linearised& at, double radius_mm) {
   Eigen::Matrix<double, 6, 1> size = Eigen::Matrix<double, 6, 1>::Ones();

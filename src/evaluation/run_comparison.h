@@ -6,7 +6,7 @@
 // run with fewer has measured have a partner; else over all poses of either run, unpaired. Intervals
 // are 95 %, by drawing angles again, each with its poses of both runs (clustered_bootstrap.h): errors
 // that angles share are in them, those that a whole run shares (calibration, initial pose) are not.
-// Where a run has measured no pose of a scenario, nothing is compared and every value is NaN.
+// Where a run has measured no pose of a scenario, nothing is compared and every change is NaN.
 #pragma once
 
 #include <array>
@@ -35,7 +35,7 @@ struct RunChange {
   WithInterval change_deg{};
   WithInterval change_share{};  ///< of the first RMSE: RMSE(other) / RMSE(first) - 1
   std::array<WithInterval, 3> bias_change_deg{};  ///< change of the mean error, by `kToldAxes`
-  ChangeVerdict verdict() const { return change_verdict(change_deg, first_rmse_deg); }
+  ChangeVerdict verdict() const { return change_verdict(change_share, 1.0); }
 };
 
 struct RunComparison {

@@ -29,8 +29,8 @@ std::string monomials_to_csv(std::span<const MonomialTable> tables) {
 
 std::string monomials_to_markdown(std::span<const MonomialTable> tables) {
   std::string out =
-      "| source | coefficient of u^r v^s / mm px^-(r+s) | C a | D a | C b | D b "
-      "|\n|---|---|--:|--:|--:|--:|\n";
+      "| source | coefficient of u^r v^s | C a / mm px^-(r+s) | D a / mm px^-(r+s) | "
+      "C b / mm px^-(r+s) | D b / mm px^-(r+s) |\n|---|---|--:|--:|--:|--:|\n";
   for_each_row(tables, [&](const std::string& source, int r, int s, const auto& c) {
     out += fmt::format("| {} | {}{} | {:.2e} | {:.2e} | {:.2e} | {:.2e} |\n", source, r, s, c(0),
                        c(1), c(2), c(3));
@@ -45,10 +45,10 @@ std::string monomials_to_latex(std::span<const MonomialTable> tables) {
     const auto e = text.find('e');
     return fmt::format("${} \\cdot 10^{{{}}}$", text.substr(0, e), std::stoi(text.substr(e + 1)));
   };
-  std::string out =
-      "\\begin{tabular}{llrrrr}\n\\hline\ncoefficients in mm px$^{-(r+s)}$ & $r\\,s$ & $C^a_{rs}$ "
-      "& "
-      "$D^a_{rs}$ & $C^b_{rs}$ & $D^b_{rs}$ \\\\\n\\hline\n";
+  std::string out = "\\begin{tabular}{llrrrr}\n\\hline\nsource & $r\\,s$";
+  for (const char* column : {"C^a", "D^a", "C^b", "D^b"})
+    out += fmt::format(" & ${}_{{rs}}$ / mm\\,px$^{{-(r+s)}}$", column);
+  out += " \\\\\n\\hline\n";
   for_each_row(tables, [&](const std::string& source, int r, int s, const auto& c) {
     out += fmt::format("{} & {}\\,{} & {} & {} & {} & {} \\\\\n", source, r, s, number(c(0)),
                        number(c(1)), number(c(2)), number(c(3)));

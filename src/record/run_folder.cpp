@@ -31,7 +31,7 @@ void RunFolder::require_new(const std::filesystem::path& root) {
           root.string(), "",
           "is not empty: a run is never written over another one. Choose a new folder.");
   }
-  require_writable(root, "the run");
+  require_writable(root, "the run", "--out");
 }
 
 RunFolder RunFolder::create(const std::filesystem::path& root, const Plan& plan) {

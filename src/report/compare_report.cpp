@@ -20,6 +20,10 @@ constexpr std::size_t kFactsToRead = 60;  ///< in the text; all are in the table
 
 std::int64_t counted(std::size_t count) { return static_cast<std::int64_t>(count); }
 
+WithInterval in_percent(const WithInterval& share) {
+  return {100.0 * share.value, {100.0 * share.interval.lower, 100.0 * share.interval.upper}};
+}
+
 std::string_view poses_are(const RunChange& c) {
   return c.verdict() == ChangeVerdict::kNothing ? "missing" : c.paired ? "paired" : "not paired";
 }
@@ -37,12 +41,14 @@ Table changes_table(const RunComparison& comparison) {
                {"a_rmse_deg", "total RMSE of A / deg"},
                {"b_rmse_deg", "of B / deg"},
                {"change_deg", "change [95 % interval] / deg"},
+               {"change_percent", "change [95 %] / %", 1},
                {"verdict", "B is"}},
               {}};
   for (const RunChange& c : comparison.changes)
     table.rows.push_back({c.scenario, std::string(c.solver->name), std::string(poses_are(c)),
                           counted(c.first_poses), counted(c.other_poses), counted(c.first_failed),
                           counted(c.other_failed), c.first_rmse_deg, c.other_rmse_deg, c.change_deg,
+                          in_percent(c.change_share),
                           std::string(change_verdict_name(c.verdict()))});
   return table;
 }
@@ -96,9 +102,9 @@ Draft change_figure(const std::filesystem::path& folder, const RunComparison& co
     ++line;
     if (!std::isfinite(c.change_share.interval.lower)) continue;
     csv.integer(counted(line)).text(fmt::format("{} {}", c.scenario, c.solver->name));
-    csv.text(c.solver->name).number(100.0 * c.change_share.value, 3);
-    csv.number(100.0 * c.change_share.interval.lower, 3);
-    csv.number(100.0 * c.change_share.interval.upper, 3).end_row();
+    const WithInterval percent = in_percent(c.change_share);
+    csv.text(c.solver->name).number(percent.value, 3);
+    csv.number(percent.interval.lower, 3).number(percent.interval.upper, 3).end_row();
   }
   Draft draft;
   draft.figure.name = "comparison_change";

@@ -116,6 +116,19 @@ void write_correlation(const RunFolder& folder, const RigModel& model,
   csv.write(folder.tables() / "identified_correlation.csv");
 }
 
+/// What chi square made of the noise of the spots.
+std::string noise_text(const SelfCalibration& found) {
+  if (found.noise_factor == 1.0) return {};
+  if (!found.noise_stated)
+    return fmt::format(
+        " with spots of {:g} px, which they do not state; {:.2f} times that is taken",
+        kAssumedSpotSigmaPx, found.noise_factor);
+  return fmt::format(
+      " with the noise that the spots state; {:.2f} times that is taken, at which it is one (the "
+      "errors of arrivals, whose tolerances stay, are estimated anew each time and take less then)",
+      found.noise_factor);
+}
+
 }  // namespace
 
 std::string identified_markdown(const RigModel& model, const SelfCalibration& found) {
@@ -175,12 +188,7 @@ std::string levels_text(const std::vector<WrittenTable>& written, const TruthLev
           "of "
           "that arrival, which is in mounting and squareness. {}\n\n{}\n",
           table.title, found.poses, found.arrivals, found.iterations,
-          found.converged ? "" : ", **not converged**", found.chi2 / found.dof,
-          found.noise_factor != 1.0
-              ? fmt::format(" as stated; the noise of the spots counts {:.2f} times that, which "
-                            "brings it to one",
-                            found.noise_factor)
-              : "",
+          found.converged ? "" : ", **not converged**", found.chi2 / found.dof, noise_text(found),
           found.has_misfit() ? fmt::format(" **{}**", misfit_text(found)) : "",
           levels.model->stage_made_frame() ? "The camera was calibrated on the stage, so that its "
                                              "rays lean with it: the stage's "

@@ -300,9 +300,9 @@ std::string statistics_text(const std::vector<WrittenTable>& tables) {
          beyond;
 }
 
-/// What a cell of the table of cameras and solvers counts, and where else its measurements appear.
+/// What a row of the table of cameras and solvers counts, and where else its measurements appear.
 std::string counted_poses(const std::vector<CameraComparison>& comparisons) {
-  std::string md = "A cell counts";
+  std::string md = "A row counts";
   for (std::size_t i = 0; i < comparisons.size(); ++i)
     md += fmt::format("{} {} poses",
                       i == 0                       ? ""
@@ -316,7 +316,7 @@ std::string counted_poses(const std::vector<CameraComparison>& comparisons) {
   const auto same = [&](const std::string& camera, const char* solver, const char* row) {
     return fmt::format("{} x {} = `{}`, ", camera, solver, row);
   };
-  md += "The rows of the tables above are cells too, there repeat by repeat: ";
+  md += "The tables above have some of these rows too, there repeat by repeat: ";
   for (const std::string& camera : cameras)
     if (camera == "pinhole")
       md += same(camera, "posit", "posit");
@@ -393,7 +393,7 @@ std::filesystem::path write_report(const RunFolder& folder, const Results& resul
     md += fmt::format(
         "## {}\n\n"
         "Every camera model with every solver, on the same image points. {} A change is taken over "
-        "the poses that both cells have measured; below zero it is a gain; an interval that holds "
+        "the poses that both rows have measured; below zero it is a gain; an interval that holds "
         "zero says that this run cannot tell.\n\n"
         "Intervals come from drawing poses again, with one calibration, one target and the same "
         "initial poses: the errors of those, which all poses share, are not in them. Small "

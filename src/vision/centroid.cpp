@@ -69,15 +69,23 @@ Ground ground_of_rim(ImageView image, const PixelBox& box, bool bright) {
   const std::size_t limit = bright ? 0 : 255;
   const int cut = histogram[limit];
   if (cut > kClippedShare * count && 2 * cut < count) {
-    // The half of a normal distribution that is away from the limit is whole, and so is its median.
-    double half = 0.0, squares = 0.0;
-    for (int g = 0; g < 256; ++g) {
-      const double k = histogram[static_cast<std::size_t>(g)];
-      const double off = bright ? g - median : median - g;
-      if (off < 0.0 || off > reach) continue;
-      const double share = off == 0.0 ? 0.5 * k : k;
-      half += share;
-      squares += share * off * off;
+    // The half of a normal distribution that is away from the limit is whole, and so is its median,
+    // which lies somewhere in its grey level.
+    const auto of = [&](int from_limit) {
+      return histogram[static_cast<std::size_t>(bright ? from_limit : 255 - from_limit)];
+    };
+    int level = 0, below = of(0);
+    while (2 * (below + of(level + 1)) < count) below += of(++level);
+    ++level;
+    const double into = (0.5 * count - below) / of(level);  // of the level's width
+    const double centre = level - 0.5 + into;
+    const int upper_quartile = bright ? quantile(0.75) : 255 - quantile(0.25);
+    const double half_reach = 3.5 * (upper_quartile + 0.5 - centre) / 0.6745;
+    double half = (1.0 - into) * of(level);
+    double squares = half * (1.0 - into) * (1.0 - into) / 3.0;
+    for (int g = level + 1; g < 256 && g - centre <= half_reach; ++g) {
+      half += of(g);
+      squares += of(g) * (g - centre) * (g - centre);
     }
     ground.whole_variance = std::max(ground.variance, squares / half);
   }

@@ -21,8 +21,9 @@
 // K electrons per grey level; area of the component, px^2.
 // Domain: a centrally symmetric spot (for which c is unbiased) on even ground, alone in the widened
 // box. A light beside it draws c towards itself by more than the uncertainty says. Of noise of 10, 20 and
-// 30 on ground of 12, errors are 1.02, 1.05 and 1.08 times what is said; where more than half of the ground
-// is cut off, its noise is not known, and they may be any number of times that.
+// 30 on ground of 12 (the last with a third of the ground cut off at 0), errors are 1.03, 1.05 and 1.06 times
+// what is said, of 30 on ground of 8 and 6 (43 % cut off) 1.11 and 1.19, and more beyond; where more than
+// half is cut off, the noise is not known.
 // A clipped spot has edges sharper than its optics make them, whose place between the pixels moves c:
 // kClippedSigmaPx is added in quadrature, which holds up to three times white and is plenty below;
 // pixels at 255 count with the noise they would have there. Below 0.5 grey of noise rounding is no

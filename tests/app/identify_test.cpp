@@ -38,6 +38,7 @@ TEST(Identify, PrintsTheRigAndWritesFilesThatNameTheRun) {
   ASSERT_EQ(outcome.code, 0) << outcome.output;
   EXPECT_NE(outcome.output.find("lean of the stage's travel towards x"), std::string::npos);
   EXPECT_NE(outcome.output.find("self-calibrated"), std::string::npos);
+  EXPECT_EQ(outcome.output.find("does not explain"), std::string::npos) << outcome.output;
 
   const RigFile drawn = load_rig_file(kRig), found = load_rig_file(rig_out);
   EXPECT_NE(found.source.find("\"run\": \"first\""), std::string::npos);
@@ -71,6 +72,19 @@ TEST(Identify, PrintsTheRigAndWritesFilesThatNameTheRun) {
   outcome = turntable_program(quick + rig_out.string() + images + (folder / "second").string());
   EXPECT_EQ(outcome.code, 0) << outcome.output;
   EXPECT_EQ(turntable_program("verify " + (folder / "first").string()).code, 0);
+}
+
+TEST(Identify, SaysThatARigModelDoesNotExplainItsRun) {
+  TemporaryFolder folder;  // its yaw has a periodic error, which is no parameter
+  ASSERT_EQ(
+      turntable_program("run scenarios/campaigns/quick.json --rig scenarios/rigs/paper_2019.json "
+                        "--out " +
+                        (folder / "run").string())
+          .code,
+      0);
+  EXPECT_NE(identify(folder / "run").output.find("does not explain this run"), std::string::npos);
+  EXPECT_NE(slurp(folder / "run/report.md").find("**The rig model does not explain this run"),
+            std::string::npos);
 }
 
 TEST(Identify, RefusesWhatTellsNothing) {

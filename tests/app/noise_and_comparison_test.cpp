@@ -214,6 +214,7 @@ TEST_F(QuickRun, IsComparedWithOneThatWasCutOffAsFarAsThatGoes) {
   const Outcome outcome = verb("report " + cut.string() + " " + run.string() + " --no-pdf");
   EXPECT_EQ(outcome.code, 4) << outcome.output;
   EXPECT_THAT(outcome.output, HasSubstr("not compared: 0 poses of A"));
+  EXPECT_THAT(outcome.output, HasSubstr("A ended early: "));
   EXPECT_THAT(outcome.output, HasSubstr("journal.jsonl"));  // its last line is no whole one
   EXPECT_THAT(outcome.output, Not(HasSubstr("nan")));
   const fs::path compared = cut / "compare_run";
@@ -223,6 +224,7 @@ TEST_F(QuickRun, IsComparedWithOneThatWasCutOffAsFarAsThatGoes) {
   EXPECT_THAT(slurp(compared / "tables/comparison.tex"), Not(HasSubstr("nan")));
   const Outcome report = verb("report " + cut.string() + " --no-pdf");
   EXPECT_EQ(report.code, 4) << report.output;
+  EXPECT_THAT(report.output, AllOf(HasSubstr("total RMSE - deg"), Not(HasSubstr("nan"))));
   EXPECT_THAT(slurp(cut / "report.md"), HasSubstr("the run ended early: killed"));
 }
 

@@ -99,8 +99,17 @@ TEST(Spots, OfReadNoiseErrAsTheirUncertaintySays) {
 TEST(Spots, OnGroundWhoseNoiseIsCutOffAtBlackErrAsTheirUncertaintySays) {
   for (const double noise_grey : {10.0, 20.0, 30.0}) {  // on ground of 12
     const SpotErrors e = spot_errors(rig_of_many_leds(noise_grey, 0.0), 15.0, 60, 0.0);
-    EXPECT_NEAR(e.deviation_of_normalised(), 1.0, 0.1) << noise_grey << " grey, " << e.missed;
+    EXPECT_EQ(e.missed, 0);
+    EXPECT_NEAR(e.deviation_of_normalised(), 1.0, 0.1) << noise_grey << " grey";
   }
+}
+
+TEST(Spots, OnDarkGroundOfAQuietCameraErrAsTheirUncertaintySays) {
+  RigFile rig = rig_of_many_leds(0.8, 0.0);
+  rig.simulation->image.background_grey = 1.4;  // a tenth of it is rounded or cut off to 0
+  const SpotErrors e = spot_errors(rig, 15.0, 60, 0.0);
+  EXPECT_EQ(e.missed, 0);
+  EXPECT_NEAR(e.deviation_of_normalised(), 1.0, 0.08);
 }
 
 TEST(Spots, OfShotNoiseErrAsTheirUncertaintySays) {
