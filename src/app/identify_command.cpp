@@ -88,7 +88,15 @@ std::string for_people(const OrderedJson& json, std::size_t indent = 0) {
 void move_path(OrderedJson& object, const char* key, const fs::path& from, const fs::path& to) {
   if (!object.contains(key)) return;
   const fs::path path = object.at(key).get<std::string>();
-  if (path.is_relative()) object[key] = fs::relative(from / path, to).string();
+  if (path.is_absolute()) return;
+  object[key] = fs::relative(from / path, to).string();
+  // The run may name its rig file relative to the folder that it was started in.
+  if (!fs::exists(from / path))
+    spdlog::warn(
+        "\"{}\" in the rig file names {}, which is not there. Correct it, or identify in the "
+        "folder "
+        "that the run was started in.",
+        key, (from / path).lexically_normal().string());
 }
 
 std::string corrected_rig(const Results& made, const RigParameters& found,

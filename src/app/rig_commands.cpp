@@ -289,8 +289,10 @@ int stop_command(const HandArguments& a) {
 
 int simulate_command(const SimulateArguments& a) {
   const RigFile rig = load_rig_file(a.rig);
-  if (!a.links.empty()) require_writable(a.links, "the links", "--links");
-  if (!a.links.empty()) make_folder(a.links);
+  if (!a.links.empty()) {
+    require_writable(a.links, "the links", "--links");
+    make_folder(a.links);
+  }
   fmt::print("Simulated devices of {}{}; Ctrl-C ends.\n", rig.file,
              a.speed == 1.0 ? "" : fmt::format(", {:g} times as fast as real ones", a.speed));
   std::fflush(stdout);

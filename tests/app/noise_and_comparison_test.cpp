@@ -228,6 +228,17 @@ TEST_F(QuickRun, IsComparedWithOneThatWasCutOffAsFarAsThatGoes) {
   EXPECT_THAT(slurp(cut / "report.md"), HasSubstr("the run ended early: killed"));
 }
 
+TEST_F(QuickRun, IdentifiedElsewhereSaysThatFilesOfItsRigAreNotThere) {
+  const std::string identify = "identify " + run.string() + " --rig-out ";
+  const Outcome here = verb(identify + (folder / "here.json").string());
+  EXPECT_EQ(here.code, 0) << here.output;
+  EXPECT_THAT(here.output, Not(HasSubstr("which is not there")));
+  const Outcome elsewhere =
+      verb(identify + (folder / "elsewhere.json").string(), "cd " + folder.path().string() + ";");
+  EXPECT_EQ(elsewhere.code, 0) << elsewhere.output;
+  EXPECT_THAT(elsewhere.output, HasSubstr("calibration_sweep.json, which is not there"));
+}
+
 TEST_F(QuickRun, IsNotComparedWithWhatItCannotBe) {
   const auto refused = [&](const std::string& arguments, const std::string& says) {
     const Outcome outcome = verb("report " + arguments + " --no-pdf");
