@@ -71,6 +71,7 @@ int compare_command(const ReportArguments& a) {
   const fs::path out = a.out.empty() ? first / ("compare_" + folder_name(other)) : a.out;
   for (const fs::path& run : a.runs) (void)RunFolder::open(run);
   require_writable(out, "the comparison", "--out");
+  const std::unique_ptr<PdfPrinter> printer = a.no_pdf ? nullptr : std::make_unique<PdfPrinter>();
   const Compared one = compared(first), two = compared(other);
   const Plan &plan = one.run.record.plan, &other_plan = two.run.record.plan;
   const RunComparison comparison =
@@ -92,7 +93,7 @@ int compare_command(const ReportArguments& a) {
   const fs::path page = write_comparison(
       out,
       {folder_name(first), folder_name(other), one.run.rig.simulated(), two.run.rig.simulated()},
-      differences(one, two), comparison);
+      differences(one, two), comparison, printer.get());
   for (const CommonScenario& s : comparison.scenarios)
     fmt::print("{:<20} {} poses in both, {} only in A, {} only in B\n", s.name, s.both,
                s.only_first, s.only_other);
@@ -121,7 +122,7 @@ int compare_command(const ReportArguments& a) {
         "{} results are missing, of poses that failed or were never taken; the report of each run "
         "says which and why.",
         failed);
-  renew_pdf(out / "comparison.md", !a.no_pdf);
+  renew_pdf(out / "comparison.md", printer.get());
   fmt::print("comparison: {}\n", page.string());
   return failed > 0 ? kFailedPoses : kDone;
 }

@@ -206,18 +206,17 @@ Results make_results(const RunFolder& folder, OutputOptions options) {
   return out;
 }
 
-void renew_pdf(const fs::path& markdown, bool wanted) {
+void renew_pdf(const fs::path& markdown, PdfPrinter* printer) {
   fs::path pdf = markdown;
   pdf.replace_extension(".pdf");
   std::error_code ignored;
-  if (fs::remove(pdf, ignored) && !wanted)
+  if (fs::remove(pdf, ignored) && printer == nullptr)
     fmt::print("removed: {}, which was of the report before\n", pdf.string());
-  if (!wanted) return;
+  if (printer == nullptr) return;
   std::optional<std::string> trouble;
   {
     ProgressLine line("printing " + pdf.filename().string());
-    trouble = print_pdf(page_for_paper(markdown), pdf,
-                        [&] { line.wait(static_cast<double>(kPrintTimeout.count())); });
+    trouble = printer->print(pdf, [&] { line.wait(static_cast<double>(kPrintTimeout.count())); });
   }
   if (trouble)
     spdlog::warn("{}", *trouble);
@@ -226,6 +225,8 @@ void renew_pdf(const fs::path& markdown, bool wanted) {
 }
 
 int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrite) {
+  const std::unique_ptr<PdfPrinter> printer =
+      options.pdf ? std::make_unique<PdfPrinter>() : nullptr;
   const Results made = make_results(folder, options);
   const Plan& plan = made.record.plan;
   EvaluationRecord how;
@@ -254,7 +255,7 @@ int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrit
   how.beside.clear();
   for (const RunFolder& other : options.beside)
     how.beside.push_back(fs::absolute(other.root()).lexically_normal().string());
-  const fs::path report = write_report(folder, made);
+  const fs::path report = write_report(folder, made, printer.get());
   write_evaluation_record(how, folder.evaluation());
 
   for (const PlaneResidual& p : made.calibration.planes)
@@ -275,7 +276,7 @@ int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrit
     spdlog::warn("{} results failed; poses.csv and report.md say which and why.", failed);
   if (made.rig.simulated())
     fmt::print("These results are simulated (seed {}).\n", made.rig.simulation->seed);
-  renew_pdf(folder.report(), options.pdf);
+  renew_pdf(folder.report(), printer.get());
   fmt::print("report: {}\n", report.string());
   return failed > 0 ? kFailedPoses : kDone;
 }

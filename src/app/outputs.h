@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "src/report/pdf.h"
 #include "src/report/results.h"
 
 namespace turntable {
@@ -45,9 +46,9 @@ enum class Rewrite {
 /// earlier outputs is removed. That no PDF could be printed changes no exit code. @return exit code.
 int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrite);
 
-/// The PDF of a page and its Markdown, beside them: one of earlier outputs is removed; if it is wanted,
-/// prints it and says so, or warns why not. @throws ConfigError: Markdown or a picture cannot be read.
-void renew_pdf(const std::filesystem::path& markdown, bool wanted);
+/// The PDF of a page, beside its Markdown: one of earlier outputs is removed; with a printer, which has
+/// loaded the page, prints it and says so, or warns why not.
+void renew_pdf(const std::filesystem::path& markdown, PdfPrinter* printer);
 
 /// How the stored outputs were made: evaluation.json.
 struct EvaluationRecord {

@@ -159,7 +159,7 @@ std::string glance(const RunComparison& comparison) {
 
 std::filesystem::path write_comparison(const std::filesystem::path& folder,
                                        const ComparedRuns& runs, const std::vector<RunFact>& facts,
-                                       const RunComparison& comparison) {
+                                       const RunComparison& comparison, PdfPrinter* printer) {
   for (const char* part : {"tables", "figures"}) make_folder(folder / part);
   const WrittenTable changes = write_table(changes_table(comparison), folder / "tables");
   const WrittenTable scenarios = write_table(scenarios_table(comparison), folder / "tables");
@@ -200,6 +200,7 @@ std::filesystem::path write_comparison(const std::filesystem::path& folder,
     if (!only->empty()) md += fmt::format("Only in {}: {}.\n\n", name, fmt::join(*only, ", "));
   md += "## Figures\n\n" + figures_markdown(figures);
   write_atomically(folder / "comparison.md", md);
+  if (printer != nullptr) printer->load(page_for_paper(folder / "comparison.md"));
   return write_html(folder / "comparison.md", figures);
 }
 

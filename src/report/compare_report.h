@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "src/evaluation/run_comparison.h"
+#include "src/report/pdf.h"
 
 namespace turntable {
 
@@ -15,10 +16,12 @@ struct ComparedRuns {
   bool first_simulated = false, other_simulated = false;
 };
 
-/// Writes comparison.{md,html}, tables/ {comparison,bias,differences,scenarios} and figures/. @param facts what differs between the runs
+/// Writes comparison.{md,html}, tables/ {comparison,bias,differences,scenarios} and figures/.
+/// @param facts what differs between the runs. @param printer as of `write_report`.
 /// @return comparison.html's path. @throws RecordError.
 std::filesystem::path write_comparison(const std::filesystem::path& folder,
                                        const ComparedRuns& runs, const std::vector<RunFact>& facts,
-                                       const RunComparison& comparison);
+                                       const RunComparison& comparison,
+                                       PdfPrinter* printer = nullptr);
 
 }  // namespace turntable

@@ -1,25 +1,17 @@
 #include "src/report/pdf.h"
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <signal.h>
-#include <spawn.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <cerrno>
-#include <chrono>
 #include <cstdlib>
 #include <cstring>
-#include <fstream>
+#include <iterator>
 #include <thread>
-#include <vector>
 
 #include "src/core/errors.h"
-#include "src/core/interrupt.h"
 #include "src/record/atomic_file.h"
-
-extern char** environ;
+#include "src/report/chromium.h"
 
 namespace turntable {
 namespace {
@@ -28,140 +20,122 @@ namespace fs = std::filesystem;
 using std::chrono::steady_clock;
 
 /// Chromium's names, the one that begins fastest first.
-constexpr const char* kChromium[] = {"chromium-headless-shell", "chromium", "chromium-browser",
+constexpr const char* kPrograms[] = {"chromium-headless-shell", "chromium", "chromium-browser",
                                      "google-chrome"};
 
-constexpr const char* kByHand = "Or print the page beside it from any browser.";
+constexpr const char* kByHand = "print the page beside it from any browser.";
 
-/// A child and whatever it starts: a process group, killed with this object.
-class Group {
- public:
-  explicit Group(std::vector<std::string> command) {
-    posix_spawn_file_actions_t actions;
-    posix_spawn_file_actions_init(&actions);
-    for (const int fd : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO})
-      posix_spawn_file_actions_addopen(&actions, fd, "/dev/null", O_RDWR, 0);
-    posix_spawnattr_t attributes;
-    posix_spawnattr_init(&attributes);
-    posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
-    posix_spawnattr_setpgroup(&attributes, 0);
-    std::vector<char*> argv;
-    for (std::string& argument : command) argv.push_back(argument.data());
-    argv.push_back(nullptr);
-    if (::posix_spawnp(&child_, argv[0], &actions, &attributes, argv.data(), environ) != 0)
-      child_ = 0;
-    posix_spawnattr_destroy(&attributes);
-    posix_spawn_file_actions_destroy(&actions);
-  }
-  ~Group() {
-    if (child_ == 0) return;
-    ::kill(-child_, SIGKILL);
-    if (!ended_) wait(0);
-  }
-  Group(const Group&) = delete;
-  Group& operator=(const Group&) = delete;
-
-  bool started() const { return child_ != 0; }
-  /// True once it has ended. @throws Interrupted.
-  bool ended_within(steady_clock::duration time, const std::function<void()>& waiting) {
-    const auto end = steady_clock::now() + time;
-    while (!ended_ && steady_clock::now() < end) {
-      throw_if_interrupted();
-      if (waiting) waiting();
-      wait(WNOHANG);
-      if (!ended_) std::this_thread::sleep_for(std::chrono::milliseconds(10));
-    }
-    return ended_;
-  }
-
- private:
-  void wait(int options) {
-    pid_t result;
-    while ((result = ::waitpid(child_, nullptr, options)) < 0 && errno == EINTR) {
-    }
-    ended_ = result != 0;
-  }
-  pid_t child_ = 0;
-  bool ended_ = false;
-};
-
-/// "file:///..." with everything that is special in an address as %xx.
-std::string file_url(const fs::path& file) {
-  std::string url = "file://";
-  for (const char c : fs::absolute(file).lexically_normal().string())
-    if (std::isalnum(static_cast<unsigned char>(c)) || std::strchr("/-_.~", c) != nullptr)
-      url += c;
-    else
-      url += fmt::format("%{:02X}", static_cast<unsigned char>(c));
-  return url;
-}
-
-bool is_whole_pdf(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::string begin(5, '\0'), end(32, '\0');
-  in.read(begin.data(), 5);
-  in.seekg(-32, std::ios::end);
-  in.read(end.data(), 32);
-  return in && begin == "%PDF-" && end.find("%%EOF") != std::string::npos;
+bool is_whole_pdf(std::string_view bytes) {
+  return bytes.starts_with("%PDF-") &&
+         bytes.substr(bytes.size() - std::min<std::size_t>(bytes.size(), 32)).find("%%EOF") !=
+             std::string_view::npos;
 }
 
 }  // namespace
 
-std::optional<std::string> print_pdf(std::string_view page, const fs::path& pdf,
-                                     const std::function<void()>& waiting) try {
-  std::string pattern = (temporary_files() / "turntable-print-XXXXXX").string();
-  if (::mkdtemp(pattern.data()) == nullptr)
-    throw RecordError(
-        fmt::format("{}: no temporary folder can be made there: {}. Make room, or name another "
-                    "place in TMPDIR.",
-                    temporary_files().string(), std::strerror(errno)));
-  struct Remove {
-    fs::path folder;
-    ~Remove() {
-      std::error_code ignored;
-      fs::remove_all(folder, ignored);
+struct PdfPrinter::Printing {
+  /// A temporary folder that is gone with this object. @throws RecordError.
+  class Workplace {
+   public:
+    Workplace() {
+      std::string pattern = (temporary_files() / "turntable-print-XXXXXX").string();
+      if (::mkdtemp(pattern.data()) == nullptr)
+        throw RecordError(
+            fmt::format("{}: no temporary folder can be made there: {}. Make room, or name another "
+                        "place in TMPDIR.",
+                        temporary_files().string(), std::strerror(errno)));
+      folder_ = pattern;
     }
-  } const profile{pattern};
-  const fs::path printed = profile.folder / "report.pdf", html = profile.folder / "report.html";
-  write_atomically(html, page);
+    ~Workplace() {
+      // A Chromium that was killed a moment ago may still write into it.
+      for (int i = 0; i < 20; ++i) {
+        std::error_code error;
+        fs::remove_all(folder_, error);
+        if (!error) return;
+        std::this_thread::sleep_for(std::chrono::milliseconds(10));
+      }
+    }
+    Workplace(const Workplace&) = delete;
+    Workplace& operator=(const Workplace&) = delete;
 
-  std::vector<std::string> options{"--headless",
-                                   "--disable-gpu",
-                                   "--disable-extensions",
-                                   "--disable-crash-reporter",
-                                   "--disable-breakpad",
-                                   "--disable-background-networking",
-                                   "--no-first-run",
-                                   "--no-pdf-header-footer",
-                                   "--user-data-dir=" + profile.folder.string(),
-                                   "--print-to-pdf=" + printed.string()};
-  if (::geteuid() == 0) options.push_back("--no-sandbox");  // it refuses root otherwise
-  options.push_back(file_url(html));
-  std::string tried;
-  for (const char* const program : kChromium) {
-    std::vector<std::string> command{program};
-    command.insert(command.end(), options.begin(), options.end());
-    Group chromium(std::move(command));
-    if (!chromium.started()) continue;
-    if (!chromium.ended_within(kPrintTimeout, waiting))
-      return fmt::format("{} was not printed: {} took longer than {} s and was ended. {}",
-                         pdf.string(), program, kPrintTimeout.count(), kByHand);
-    if (is_whole_pdf(printed)) {
-      std::ifstream in(printed, std::ios::binary);
-      write_atomically(pdf, std::string(std::istreambuf_iterator<char>(in), {}));
-      return {};
+    fs::path page() const { return folder_ / "report.html"; }
+    fs::path profile() const { return folder_ / "profile"; }
+
+   private:
+    fs::path folder_;
+  };
+
+  std::optional<Workplace> place;
+  std::optional<std::string> no_place;  ///< why there is none
+  std::optional<Chromium> chromium;     ///< goes before its place does
+  bool loading = false;                 ///< the page, in this one
+  std::size_t next = 0;                 ///< of the programs
+  std::string tried;                    ///< what became of those before
+
+  /// The next program that is there, if any.
+  void start() {
+    loading = false;
+    for (chromium.reset(); !chromium && next < std::size(kPrograms); ++next) {
+      chromium.emplace(kPrograms[next], place->profile());
+      if (!chromium->started()) chromium.reset();
     }
-    tried += fmt::format("{}{}", tried.empty() ? "" : " and ", program);
   }
-  if (!tried.empty())
-    return fmt::format("{} was not printed: {} ended without a PDF. {}", pdf.string(), tried,
-                       kByHand);
+  void give_up(const ChromiumTrouble& trouble) {
+    tried += fmt::format("{}{} {}", tried.empty() ? "" : "; ", kPrograms[next - 1], trouble.what());
+    start();
+  }
+  void load(const Patience& patience) {
+    chromium->load(place->page(), patience);
+    loading = true;
+  }
+};
+
+PdfPrinter::PdfPrinter() : printing_(std::make_unique<Printing>()) {
+  try {
+    printing_->place.emplace();
+    printing_->start();
+  } catch (const RecordError& e) {
+    printing_->no_place = e.what();
+  }
+}
+
+PdfPrinter::~PdfPrinter() = default;
+
+void PdfPrinter::load(std::string_view page) {
+  Printing& p = *printing_;
+  if (p.no_place) return;
+  try {
+    write_atomically(p.place->page(), page);
+    if (p.chromium) p.load({steady_clock::now() + kPrintTimeout, {}});
+  } catch (const RecordError& e) {
+    p.no_place = e.what();
+  } catch (const ChromiumTrouble& e) {
+    p.give_up(e);
+  }
+}
+
+std::optional<std::string> PdfPrinter::print(const fs::path& pdf,
+                                             const std::function<void()>& waiting) {
+  Printing& p = *printing_;
+  if (p.no_place) return fmt::format("{} was not printed: {}", pdf.string(), *p.no_place);
+  const Patience patience{steady_clock::now() + kPrintTimeout, waiting};
+  while (p.chromium) try {
+      if (!p.loading) p.load(patience);
+      const std::string bytes = p.chromium->pdf(patience);
+      if (!is_whole_pdf(bytes)) throw ChromiumTrouble("sent a PDF without an end");
+      write_atomically(pdf, bytes);
+      return {};
+    } catch (const ChromiumTrouble& e) {
+      p.give_up(e);
+    } catch (const RecordError& e) {
+      return fmt::format("{} was not printed: {}", pdf.string(), e.what());
+    }
+  if (!p.tried.empty())
+    return fmt::format("{} was not printed: {}. Instead, {}", pdf.string(), p.tried, kByHand);
   return fmt::format(
       "{} was not printed: Chromium is not there, which would. Install it (Debian: "
-      "chromium-headless-shell). {}",
+      "chromium-headless-shell), or {}",
       pdf.string(), kByHand);
-} catch (const RecordError& e) {
-  return fmt::format("{} was not printed: {}", pdf.string(), e.what());
 }
 
 }  // namespace turntable

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -12,12 +13,28 @@ namespace turntable {
 
 constexpr std::chrono::seconds kPrintTimeout{60};
 
-/// Prints a page (`page_for_paper`) as `pdf`: A4, figures as vectors. Chromium gets a folder of its own,
-/// which is gone afterwards, and is killed with its children if it takes longer than `kPrintTimeout`.
-/// @param waiting called now and then meanwhile.
-/// @return nothing if it worked; else why not and what to do, in a sentence.
-/// @throws Interrupted.
-std::optional<std::string> print_pdf(std::string_view page, const std::filesystem::path& pdf,
-                                     const std::function<void()>& waiting = {});
+/// Prints one page. Chromium starts when this is made and loads when it is told to, each while the caller does
+/// something else. It has a temporary folder of its own, which goes with this object, as Chromium and
+/// its children do.
+class PdfPrinter {
+ public:
+  PdfPrinter();
+  ~PdfPrinter();
+  PdfPrinter(const PdfPrinter&) = delete;
+  PdfPrinter& operator=(const PdfPrinter&) = delete;
+
+  /// Of `page_for_paper`, once. Whatever goes wrong, `print` tells. @throws Interrupted.
+  void load(std::string_view page);
+  /// Writes what was loaded as `pdf`: A4, figures as vectors.
+  /// @param waiting called now and then meanwhile, for at most `kPrintTimeout`.
+  /// @return nothing if it worked; else why not and what to do, in a sentence.
+  /// @throws Interrupted.
+  std::optional<std::string> print(const std::filesystem::path& pdf,
+                                   const std::function<void()>& waiting = {});
+
+ private:
+  struct Printing;
+  std::unique_ptr<Printing> printing_;
+};
 
 }  // namespace turntable

@@ -331,7 +331,8 @@ std::string counted_poses(const std::vector<CameraComparison>& comparisons) {
 
 }  // namespace
 
-std::filesystem::path write_report(const RunFolder& folder, const Results& results) {
+std::filesystem::path write_report(const RunFolder& folder, const Results& results,
+                                   PdfPrinter* printer) {
   const auto& [record, rig, calibration, set, evaluation, cameras, levels, statistics, budgets,
                noisy_spots, noise] = results;
   const std::vector<WrittenTable> tables = write_tables(folder, results);
@@ -425,6 +426,7 @@ std::filesystem::path write_report(const RunFolder& folder, const Results& resul
   for (const ClockStep& step : record.clock_steps)
     md += fmt::format("- times of day are not of one clock: journal {}\n", clock_step_text(step));
   write_atomically(folder.report(), md);
+  if (printer != nullptr) printer->load(page_for_paper(folder.report()));
   const Json poses = pose_data(folder, record, evaluation);
   return write_html(folder.report(), figures, &poses);
 }

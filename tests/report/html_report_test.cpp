@@ -2,11 +2,15 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <signal.h>
 
+#include <chrono>
 #include <cstdlib>
+#include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <sstream>
+#include <thread>
 
 #include "src/core/errors.h"
 #include "src/record/atomic_file.h"
@@ -200,15 +204,74 @@ TEST(MarksAsPaths, DrawsGnuplotsShapes) {
   }
 }
 
+/// A folder with programs of these names and shell scripts, which is all of PATH while this lives.
+class OnlyPrograms {
+ public:
+  explicit OnlyPrograms(const std::vector<std::pair<std::string, std::string>>& scripts) {
+    for (const auto& [name, script] : scripts) {
+      const std::filesystem::path file = folder_ / name;
+      write_atomically(file, "#!/bin/sh\n" + script + "\n");
+      std::filesystem::permissions(file, std::filesystem::perms::owner_all);
+    }
+    ::setenv("PATH", folder_.path().c_str(), 1);
+  }
+  ~OnlyPrograms() { ::setenv("PATH", path_.c_str(), 1); }
+
+ private:
+  TemporaryFolder folder_;
+  std::string path_ = std::getenv("PATH");
+};
+
+std::optional<std::string> printed(const std::filesystem::path& pdf) {
+  PdfPrinter printer;
+  printer.load("<!doctype html><title>t</title><p>text</p>");
+  return printer.print(pdf);
+}
+
 TEST(PrintPdf, SaysWhatIsMissingWithoutChromium) {
   TemporaryFolder folder;
-  const std::string path = std::getenv("PATH");
-  ::setenv("PATH", "/nowhere", 1);
-  const auto trouble = print_pdf("<!doctype html><title>t</title><p>text</p>", folder / "page.pdf");
-  ::setenv("PATH", path.c_str(), 1);
+  const OnlyPrograms none({});
+  const auto trouble = printed(folder / "page.pdf");
   ASSERT_TRUE(trouble.has_value());
   EXPECT_THAT(*trouble, AllOf(HasSubstr("Chromium"), HasSubstr("Install it")));
   EXPECT_FALSE(std::filesystem::exists(folder / "page.pdf"));
+}
+
+TEST(PrintPdf, SaysWhatBecameOfEachChromium) {
+  TemporaryFolder folder;
+  const std::string other = R"(printf '{"id":1,"result":{}}\000' >&4; read -r rest <&3)";
+  const std::string refuses =
+      R"(printf '{"id":1,"error":{"message":"not now"}}\000' >&4; read -r rest <&3)";
+  const std::string noise = R"(printf 'usage\000' >&4; read -r rest <&3)";
+  const OnlyPrograms programs({{"chromium-headless-shell", "exit 1"},
+                               {"chromium", other},
+                               {"chromium-browser", refuses},
+                               {"google-chrome", noise}});
+  const auto trouble = printed(folder / "page.pdf");
+  ASSERT_TRUE(trouble.has_value());
+  EXPECT_THAT(*trouble, AllOf(HasSubstr("chromium-headless-shell ended"),
+                              HasSubstr("chromium answered something else"),
+                              HasSubstr("chromium-browser refused: not now"),
+                              HasSubstr("google-chrome answered what is no message"),
+                              HasSubstr("from any browser")));
+  EXPECT_FALSE(std::filesystem::exists(folder / "page.pdf"));
+}
+
+TEST(PrintPdf, EndsWhatItStarted) {
+  TemporaryFolder folder;
+  const std::string pid = (folder / "pid").string();
+  {
+    const OnlyPrograms programs(
+        {{"chromium", "echo $$ > " + pid + "; read -r rest <&3; read -r rest <&3"}});
+    const PdfPrinter idle;
+    while (!std::filesystem::exists(pid) || std::filesystem::file_size(pid) == 0)
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  std::ifstream in(pid);
+  pid_t child = 0;
+  in >> child;
+  ASSERT_GT(child, 1);
+  EXPECT_NE(::kill(child, 0), 0);
 }
 
 TEST(PrintPdf, SaysWhereThereIsNoRoom) {
@@ -217,8 +280,7 @@ TEST(PrintPdf, SaysWhereThereIsNoRoom) {
   const std::string kept = before == nullptr ? "" : before;
   for (const char* const wrong : {"/proc", "/nowhere", "/dev/null"}) {
     ::setenv("TMPDIR", wrong, 1);
-    const auto trouble =
-        print_pdf("<!doctype html><title>t</title><p>text</p>", folder / "page.pdf");
+    const auto trouble = printed(folder / "page.pdf");
     ASSERT_TRUE(trouble.has_value());
     EXPECT_THAT(*trouble, AllOf(HasSubstr("not printed"), HasSubstr("TMPDIR")));
   }

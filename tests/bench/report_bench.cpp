@@ -1,0 +1,73 @@
+// "turntable report" of the tri-axial motion (1053 poses, all solvers) from its stored points, as a user runs it: a
+// process of its own, from its start to its end, with the PDF and without. Taking the run is not measured. It
+// fails if no report comes, never on time.
+#include <benchmark/benchmark.h>
+#include <fmt/format.h>
+#include <sys/wait.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <string>
+
+#include "tests/support/temporary_folder.h"
+
+namespace turntable {
+namespace {
+
+bool succeeds(const std::string& arguments) {
+  const int status =
+      std::system(fmt::format("\"{}\" {} > /dev/null 2>&1", TURNTABLE_PROGRAM, arguments).c_str());
+  return WIFEXITED(status) && WEXITSTATUS(status) == 0;
+}
+
+/// Taken once, for both rows.
+const std::filesystem::path& stored_run() {
+  static const TemporaryFolder folder;
+  static const std::filesystem::path run = [] {
+    const std::string scenarios = TURNTABLE_SOURCE_DIR "/scenarios/";
+    const std::filesystem::path taken = folder / "run";
+    return succeeds(fmt::format("run {0}triaxial_xyz.json --rig {0}rigs/simulated.json --solver "
+                                "all --no-pdf --out {1}",
+                                scenarios, taken.string()))
+               ? taken
+               : std::filesystem::path();
+  }();
+  return run;
+}
+
+void report(benchmark::State& state, bool pdf) {
+  const std::filesystem::path& run = stored_run();
+  if (run.empty()) {
+    state.SkipWithError("the run could not be taken");
+    return;
+  }
+  const std::filesystem::path printed = run / "report.pdf";
+  for (auto _ : state) {
+    const bool done = succeeds(fmt::format("report {}{}", run.string(), pdf ? "" : " --no-pdf"));
+    if (!done || std::filesystem::exists(printed) != pdf) {
+      state.SkipWithError(pdf ? "no report, or no PDF of it" : "no report");
+      return;
+    }
+  }
+}
+
+double fastest(const std::vector<double>& s) { return *std::ranges::min_element(s); }
+double slowest(const std::vector<double>& s) { return *std::ranges::max_element(s); }
+
+/// Ten runs of each, since what a machine gives varies.
+void shown(benchmark::internal::Benchmark* bench) {
+  bench->UseRealTime()
+      ->Unit(benchmark::kSecond)
+      ->Iterations(1)
+      ->Repetitions(10)
+      ->ReportAggregatesOnly()
+      ->ComputeStatistics("min", fastest)
+      ->ComputeStatistics("max", slowest);
+}
+
+BENCHMARK_CAPTURE(report, html, false)->Apply(shown);
+BENCHMARK_CAPTURE(report, html_and_pdf, true)->Apply(shown);
+
+}  // namespace
+}  // namespace turntable
