@@ -106,27 +106,47 @@ std::string image_part(const std::filesystem::path& folder, const std::string& n
       name, part.left + middle, part.top + middle, every, every);
 }
 
-PosePoints::PosePoints(const std::vector<std::string>& columns)
-    : csv_([&] {
-        std::vector<std::string> header{"solver", "pose"};
-        header.insert(header.end(), columns.begin(), columns.end());
-        return header;
-      }()) {}
+PosePoints::PosePoints(std::vector<std::string> columns) : columns_(std::move(columns)) {
+  columns_.insert(columns_.begin(), {"solver", "pose"});
+}
 
 Csv& PosePoints::row(const Solver& solver, std::size_t pose, std::size_t part) {
-  poses_[{&solver, part}].push_back(pose);
-  return csv_.text(solver.name).integer(static_cast<std::int64_t>(pose));
+  auto rows = std::ranges::find_if(
+      rows_, [&](const Rows& r) { return r.solver == &solver && r.part == part; });
+  if (rows == rows_.end())
+    rows = rows_.insert(rows_.end(), Rows{&solver, part, Csv(columns_), {}});
+  rows->poses.push_back(pose);
+  return rows->csv.text(solver.name).integer(static_cast<std::int64_t>(pose));
+}
+
+std::string PosePoints::csv() const {
+  std::string text = Csv(columns_).str();
+  const std::size_t header = text.size();
+  for (const Rows& rows : rows_) text += std::string_view(rows.csv.str()).substr(header);
+  return text;
+}
+
+void PosePoints::write(const std::filesystem::path& file) const { write_atomically(file, csv()); }
+
+bool PosePoints::none_of(const Solver& solver, std::size_t part) const {
+  return std::ranges::none_of(
+      rows_, [&](const Rows& r) { return r.solver == &solver && r.part == part; });
 }
 
 void PosePoints::draw(Draft& draft, const Solver& solver, std::string_view x, std::string_view rest,
                       std::string_view look, std::string_view command, std::size_t part) const {
-  const auto found = poses_.find({&solver, part});
-  draft.element(
-      fmt::format("'DATA' every ::1 using (strcol(1) eq '{}' ? {} : 1/0):{} with points {}",
-                  solver.name, x, rest, look),
-      {std::string(solver.name),
-       found == poses_.end() ? std::vector<std::size_t>{} : found->second},
-      command);
+  std::size_t first = 1;  // behind the header
+  for (const Rows& rows : rows_) {
+    if (rows.solver == &solver && rows.part == part) {
+      draft.element(fmt::format("'DATA' every ::{}::{} using {}:{} with points {}", first,
+                                first + rows.poses.size() - 1, x, rest, look),
+                    {std::string(solver.name), rows.poses}, command);
+      return;
+    }
+    first += rows.poses.size();
+  }
+  draft.element(fmt::format("'DATA' every ::1::1 using (1/0):{} with points {}", rest, look),
+                {std::string(solver.name), {}}, command);
 }
 
 std::vector<Figure> draw(const std::filesystem::path& folder, const std::vector<Draft>& drafts) {

@@ -68,29 +68,36 @@ std::string image_part(const std::filesystem::path& folder, const std::string& n
                        ImageView image, const Region& part, int every = 1);
 
 /// The file of a figure that has one point per solver and pose: columns "solver", "pose" (index in
-/// the plan, as in poses.csv), then the figure's own. Every such figure is made with it, so that a
-/// solver can be hidden and a pose be chosen in all of them.
+/// the plan, as in poses.csv), then the figure's own; a solver's rows stand together, so that gnuplot reads
+/// no others for its points. Every such figure is made with it, so that a solver can be hidden and a pose be
+/// chosen in all of them.
 class PosePoints {
  public:
-  explicit PosePoints(const std::vector<std::string>& columns);
+  explicit PosePoints(std::vector<std::string> columns);
   /// Begins a row: its numbers follow, and `end_row`. A row that is drawn has no empty cell among the
   /// columns drawn: gnuplot leaves such a point out, and those behind it could not be told any more.
   /// @param part of the rows, where a solver's points are spread over several panels
   Csv& row(const Solver& solver, std::size_t pose, std::size_t part = 0);
-  const Csv& csv() const { return csv_; }
+  /// The whole file. @throws RecordError.
+  void write(const std::filesystem::path& file) const;
+  std::string csv() const;
   /// A plot command of such points only is an error to gnuplot.
-  bool none_of(const Solver& solver, std::size_t part = 0) const {
-    return !poses_.contains({&solver, part});
-  }
-  /// Adds the solver's points to the plot. @param x, rest gnuplot's columns: an expression ("$3"), and
-  /// what follows it ("4", "4:5:6") @param look behind "with points", such as `solver_look`
-  /// @param part whose points are drawn; `x` must be 1/0 for those of the others
+  bool none_of(const Solver& solver, std::size_t part = 0) const;
+  /// Adds the solver's points to the plot, when all rows are there. @param x, rest gnuplot's columns ("3"
+  /// or "(edge($3))", "4:5:6") @param look behind "with points", such as `solver_look`
+  /// @param part whose points are drawn
   void draw(Draft& draft, const Solver& solver, std::string_view x, std::string_view rest,
             std::string_view look, std::string_view command = "plot", std::size_t part = 0) const;
 
  private:
-  Csv csv_;
-  std::map<std::pair<const Solver*, std::size_t>, std::vector<std::size_t>> poses_;
+  struct Rows {
+    const Solver* solver;
+    std::size_t part;
+    Csv csv;
+    std::vector<std::size_t> poses;
+  };
+  std::vector<std::string> columns_;
+  std::vector<Rows> rows_;  ///< by their first row
 };
 
 /// Writes the scripts and draws them on all cores. Without gnuplot, or where it fails, a figure is

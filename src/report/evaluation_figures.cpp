@@ -178,7 +178,7 @@ std::vector<Draft> angle_drafts(const std::filesystem::path& folder, const Plan&
     const Solver& solver = *evaluation.solvers[curve.solver];
     draft.commands += fmt::format("set title '{}'\nset ylabel '{}'\n", solver.name,
                                   grid.leftmost(panel++) ? "error / deg" : "");
-    points.draw(draft, solver, "$3", "4", "ps 0.4 " + solver_look(solver, curve.solver));
+    points.draw(draft, solver, "3", "4", "ps 0.4 " + solver_look(solver, curve.solver));
     median(curve, "lw 2.5 lc rgb 'black' notitle");
     draft.end_plot();
   }
@@ -188,7 +188,7 @@ std::vector<Draft> angle_drafts(const std::filesystem::path& folder, const Plan&
   for (const Curve& curve : curves)
     median(curve, solver_line(*evaluation.solvers[curve.solver], curve.solver));
   draft.end_plot().commands += "unset multiplot\n";
-  points.csv().write(folder / "error_angle.csv");
+  points.write(folder / "error_angle.csv");
   medians.write(folder / "error_angle_median.csv");
   return {std::move(draft)};
 }

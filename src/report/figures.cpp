@@ -138,7 +138,7 @@ void uniaxial_errors(Draft& draft, const PosePoints& points, const Evaluation& e
     for (std::size_t k = 0; k < count; ++k) {
       const Solver& solver = *evaluation.solvers[k];
       const double aside = (static_cast<double>(k) - 0.5 * static_cast<double>(count - 1)) * apart;
-      points.draw(draft, solver, fmt::format("${}+({:.4g})", error_column(axis), aside),
+      points.draw(draft, solver, fmt::format("(${}+({:.4g}))", error_column(axis), aside),
                   fmt::format("({0} < {1:.6g} ? {1:.6g} : {0} > {2:.6g} ? {2:.6g} : {0})", error,
                               low, high),
                   "ps 0.55 " + solver_look(solver, k));
@@ -199,13 +199,13 @@ void multiaxial_errors(Draft& draft, const PosePoints& points, const Evaluation&
     draft.commands += fmt::format("set title '{}'\n", solver.name);
     if (flat)
       points.draw(draft, solver,
-                  fmt::format("${}+({:.4g})*($3-{})", error_column(info.axes[1]),
+                  fmt::format("(${}+({:.4g})*($3-{}))", error_column(info.axes[1]),
                               mark_distance(evaluation, scenario, info.axes[1],
                                             static_cast<std::size_t>(info.repeats)),
                               0.5 * (info.repeats + 1)),
                   fmt::format("{}:10", error_column(info.axes[0])), "pt 7 ps 0.6 lc palette");
     else
-      points.draw(draft, solver, "$6", "5:4:10", "pt 7 ps 0.5 lc palette", "splot");
+      points.draw(draft, solver, "6", "5:4:10", "pt 7 ps 0.5 lc palette", "splot");
     draft.end_plot().commands += "unset colorbox\n";
   }
   draft.commands += "unset multiplot\n";
@@ -237,7 +237,7 @@ void error_figure(const std::filesystem::path& folder, const RunRecord& record,
     uniaxial_errors(draft, points, evaluation, scenario, info);
   else
     multiaxial_errors(draft, points, evaluation, scenario, info);
-  points.csv().write(folder / (draft.figure.name + ".csv"));
+  points.write(folder / (draft.figure.name + ".csv"));
   drafts.push_back(std::move(draft));
 }
 

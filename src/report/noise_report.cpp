@@ -134,7 +134,6 @@ void cloud_figure(const std::filesystem::path& folder, const NoiseCampaign& camp
   for (const auto& [row, name, column] :
        {std::tuple(0, "pitch", "$6"), std::tuple(1, "roll", "$5")})
     for (std::size_t level = 0; level < count; ++level) {
-      const std::string sigma = fmt::format("{}", campaign.levels[level].sigma_grey);
       draft.commands += fmt::format(
           "set origin {:.5f},{}\nset title 'sigma {:g}'\nset xlabel 'yaw error / deg'\n"
           "set ylabel '{} error / deg'\n",
@@ -145,14 +144,14 @@ void cloud_figure(const std::filesystem::path& folder, const NoiseCampaign& camp
         draft.commands += fmt::format("set key at screen {:.5f},0.95 left top Left reverse\n",
                                       1.0 - kKeyPx / width);
       for (std::size_t k = 0; k < solvers.size(); ++k)
-        points.draw(draft, *solvers[k], fmt::format("($3 == {} ? edge($4) : 1/0)", sigma),
+        points.draw(draft, *solvers[k], "(edge($4))",
                     fmt::format("(edge({}))", column), "ps 0.4 " + solver_look(*solvers[k], k),
                     "plot", level);
       draft.end_plot();
       if (with_key) draft.commands += "set key off\n";
     }
   draft.commands += "unset multiplot\n";
-  points.csv().write(folder / (draft.figure.name + ".csv"));
+  points.write(folder / (draft.figure.name + ".csv"));
   drafts.push_back(std::move(draft));
 }
 

@@ -38,11 +38,11 @@ Draft two_solvers() {
   Draft draft;
   draft.figure.name = "two";
   draft.figure.caption = "Two <solvers> & their points.";
-  points.draw(draft, one, "$3", "4", solver_look(one, 0));
-  points.draw(draft, other, "$3", "4", solver_look(other, 1));
+  points.draw(draft, one, "3", "4", solver_look(one, 0));
+  points.draw(draft, other, "3", "4", solver_look(other, 1));
   draft.element("20 with lines title 'bound'").end_plot();
   draft.commands += "set key off\nset palette grey\n";
-  points.draw(draft, other, "$3", "4:4:4", "pt 7 lc palette", "splot");
+  points.draw(draft, other, "3", "4:4:4", "pt 7 lc palette", "splot");
   draft.end_plot();
   draft.commands = "set multiplot layout 1,2\n" + draft.commands + "unset multiplot\n";
   draft.figure.drawn = true;
@@ -50,9 +50,9 @@ Draft two_solvers() {
 }
 
 std::string csv_of_two_solvers() {
-  return "solver,pose,x,y\n" + std::string(kSolvers[0].name) + ",7,7,14\n" +
-         std::string(kSolvers[1].name) + ",7,7,14\n" + std::string(kSolvers[0].name) + ",8,8,16\n" +
-         std::string(kSolvers[0].name) + ",9,9,18\n" + std::string(kSolvers[1].name) + ",9,9,18\n";
+  const std::string one(kSolvers[0].name), other(kSolvers[1].name);
+  return "solver,pose,x,y\n" + one + ",7,7.0,14.0\n" + one + ",8,8.0,16.0\n" + one +
+         ",9,9.0,18.0\n" + other + ",7,7.0,14.0\n" + other + ",9,9.0,18.0\n";
 }
 
 /// An SVG is too long to be printed by a matcher.
