@@ -1,12 +1,19 @@
 #!/usr/bin/env bash
-# Runs the benchmarks; each fails if its result is not accurate.  usage: scripts/bench.sh [name ...]
+# Runs the benchmarks; fails where a result is not accurate.  usage: scripts/bench.sh [name ...]
 set -euo pipefail
 cd "$(dirname "$0")/.."
 scripts/build.sh release benches
-shopt -s nullglob
-for bench in build/release/bin/bench_*; do
-  name=${bench##*/bench_}
-  [[ $# == 0 || " $* " == *" $name "* ]] || continue
-  echo "== $name"
-  "$bench" --benchmark_min_time=0.2
+known=$(cd tests/bench && ls -- *_bench.cpp | sed 's/_bench\.cpp$//')
+for name in "$@"; do
+  grep -qx -- "$name" <<<"$known" || { echo "bench.sh: no benchmark \"$name\"; there are:" $known >&2; exit 2; }
 done
+log=$(mktemp)
+trap 'rm -f "$log"' EXIT
+wrong=
+for name in ${*:-$known}; do
+  echo "== $name"
+  "build/release/bin/bench_$name" --benchmark_min_time=0.2 | tee "$log"
+  # Google Benchmark ends with 0 after an error.
+  ! grep -q "ERROR OCCURRED" "$log" || wrong+=" $name"
+done
+[[ -z $wrong ]] || { echo "bench.sh: wrong results:$wrong" >&2; exit 1; }

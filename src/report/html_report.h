@@ -20,7 +20,7 @@ namespace turntable {
 std::filesystem::path write_html(const std::filesystem::path& markdown,
                                  const std::vector<Figure>& figures, const Json* poses = nullptr);
 
-/// The same page for `print_pdf`: figures as images, their marks as paths, which a browser prints in a third of
+/// The same page for `PdfPrinter`: figures as images, their marks as paths, which a browser prints in a third of
 /// the time of drawings inline, and as vectors all the same; everything unfolded; neither script nor
 /// links to files.
 /// @throws ConfigError: the Markdown or a picture cannot be read.
