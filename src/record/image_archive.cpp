@@ -192,9 +192,12 @@ Image load_image(const std::filesystem::path& file, std::string_view sha256) {
   if (pixels.empty() || pixels.type() != CV_8UC1)
     throw ConfigError(file.string(), "",
                       "the image cannot be decoded. Take it again or restore it from a copy.");
-  Image out({pixels.cols, pixels.rows}, 0);
+  Image out;
+  out.width = pixels.cols;
+  out.height = pixels.rows;
+  out.pixels.reserve(pixels.total());
   for (int v = 0; v < out.height; ++v)
-    std::memcpy(out.row(v), pixels.ptr(v), static_cast<std::size_t>(out.width));
+    out.pixels.insert(out.pixels.end(), pixels.ptr(v), pixels.ptr(v) + pixels.cols);
   return out;
 }
 
