@@ -5,15 +5,16 @@ cd "$(dirname "$0")/.."
 scripts/build.sh release benches
 known=$(cd tests/bench && ls -- *_bench.cpp | sed 's/_bench\.cpp$//')
 for name in "$@"; do
-  grep -qx -- "$name" <<<"$known" || { echo "bench.sh: no benchmark \"$name\"; there are:" $known >&2; exit 2; }
+  grep -qxF -- "$name" <<<"$known" || { echo "bench.sh: no benchmark \"$name\"; there are:" $known >&2; exit 2; }
 done
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
 wrong=
 for name in ${*:-$known}; do
   echo "== $name"
-  "build/release/bin/bench_$name" --benchmark_min_time=0.2 | tee "$log"
   # Google Benchmark ends with 0 after an error.
-  ! grep -q "ERROR OCCURRED" "$log" || wrong+=" $name"
+  if ! "build/release/bin/bench_$name" --benchmark_min_time=0.2 | tee "$log" || grep -q "ERROR OCCURRED" "$log"; then
+    wrong+=" $name"
+  fi
 done
 [[ -z $wrong ]] || { echo "bench.sh: wrong results:$wrong" >&2; exit 1; }

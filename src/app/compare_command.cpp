@@ -69,7 +69,7 @@ int compare_command(const ReportArguments& a) {
   if (fs::equivalent(first, other, none))
     spdlog::warn("{} and {} are the same run.", first.string(), other.string());
   const fs::path out = a.out.empty() ? first / ("compare_" + folder_name(other)) : a.out;
-  for (const fs::path& run : a.runs) (void)RunFolder::open(run);
+  for (const fs::path& run : a.runs) require_evaluated(RunFolder::open(run));
   require_writable(out, "the comparison", "--out");
   const std::unique_ptr<PdfPrinter> printer = a.no_pdf ? nullptr : std::make_unique<PdfPrinter>();
   const Compared one = compared(first), two = compared(other);

@@ -85,7 +85,8 @@ int guarded(const std::function<int()>& verb) {
 /// Every image takes some megabytes for a moment. Given back to the system each time, they come as new pages, and
 /// evaluating a run from its images takes twice as long.
 void keep_freed_memory() {
-  constexpr int kLargestBlock = 32 << 20, kFree = 256 << 20;  // bytes
+  constexpr int kLargestBlock = 32 << 20,  // bytes; the most that glibc takes
+      kFree = 256 << 20;
   mallopt(M_MMAP_THRESHOLD, kLargestBlock);
   mallopt(M_TRIM_THRESHOLD, kFree);
 }

@@ -10,10 +10,13 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <cctype>
 #include <cerrno>
 #include <cstring>
 #include <nlohmann/json.hpp>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "src/core/interrupt.h"
@@ -55,7 +58,7 @@ std::string decoded(const std::string& base64) {
 
 }  // namespace
 
-Chromium::Chromium(const std::string& program, const fs::path& profile) {
+Chromium::Chromium(const std::string& program, const fs::path& folder) {
   std::vector<std::string> command{program,
                                    "--headless",
                                    "--disable-gpu",
@@ -66,14 +69,21 @@ Chromium::Chromium(const std::string& program, const fs::path& profile) {
                                    "--no-first-run",
                                    "--no-startup-window",
                                    "--remote-debugging-pipe",
-                                   "--user-data-dir=" + profile.string()};
+                                   "--user-data-dir=" + (folder / "profile").string()};
   if (::geteuid() == 0) command.push_back("--no-sandbox");  // it refuses root otherwise
-  std::vector<char*> argv;
-  for (std::string& argument : command) argv.push_back(argument.data());
-  argv.push_back(nullptr);
+  std::vector<std::string> environment{"TMPDIR=" + folder.string()};
+  for (char** variable = environ; *variable != nullptr; ++variable)
+    if (!std::string_view(*variable).starts_with("TMPDIR=")) environment.push_back(*variable);
+  const auto pointers = [](std::vector<std::string>& texts) {
+    std::vector<char*> out;
+    for (std::string& text : texts) out.push_back(text.data());
+    out.push_back(nullptr);
+    return out;
+  };
 
   int ends[2];
-  if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0) return;
+  if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0)
+    throw ChromiumTrouble(fmt::format("cannot be spoken to: {}", std::strerror(errno)));
   socket_ = ends[0];
   posix_spawn_file_actions_t actions;
   posix_spawn_file_actions_init(&actions);
@@ -85,14 +95,20 @@ Chromium::Chromium(const std::string& program, const fs::path& profile) {
   posix_spawnattr_init(&attributes);
   posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
   posix_spawnattr_setpgroup(&attributes, 0);
-  if (::posix_spawnp(&child_, argv[0], &actions, &attributes, argv.data(), environ) != 0)
-    child_ = 0;
+  const int failed = ::posix_spawnp(&child_, command.front().c_str(), &actions, &attributes,
+                                    pointers(command).data(), pointers(environment).data());
   posix_spawnattr_destroy(&attributes);
   posix_spawn_file_actions_destroy(&actions);
   ::close(ends[1]);
-  if (!started()) return;
+  if (failed != 0) {
+    child_ = 0;
+    ::close(std::exchange(socket_, -1));
+    if (failed != ENOENT)
+      throw ChromiumTrouble(fmt::format("cannot be started: {}", std::strerror(failed)));
+    return;
+  }
   try {
-    page_ = send("Target.createTarget", {{"url", "about:blank"}});
+    target_ = send("Target.createTarget", {{"url", "about:blank"}});
   } catch (const ChromiumTrouble&) {  // is met again by whoever waits for the page
   }
 }
@@ -138,14 +154,16 @@ int Chromium::send(std::string_view method, Json parameters) {
 }
 
 Json Chromium::receive(const Patience& patience) {
+  throw_if_interrupted();
   std::size_t looked = 0, end;
   while ((end = received_.find('\0', looked)) == std::string::npos) {
     looked = received_.size();
-    throw_if_interrupted();
     if (patience.meanwhile) patience.meanwhile();
-    if (steady_clock::now() > patience.until) throw ChromiumTrouble("took too long and was ended");
+    if (steady_clock::now() > patience.until) throw ChromiumLate();
     pollfd ready{socket_, POLLIN, 0};
-    if (::poll(&ready, 1, 20) <= 0) continue;
+    const bool has_come = ::poll(&ready, 1, 20) > 0;
+    throw_if_interrupted();
+    if (!has_come) continue;
     received_.resize(looked + (1 << 18));
     const ssize_t n = ::recv(socket_, received_.data() + looked, received_.size() - looked, 0);
     received_.resize(looked + static_cast<std::size_t>(std::max<ssize_t>(n, 0)));
@@ -160,15 +178,18 @@ Json Chromium::receive(const Patience& patience) {
 
 void Chromium::note_event(const Json& message) {
   const std::string event = message.value("method", "");
-  if (event == "Page.loadEventFired") loaded_ = true;
-  if (event == "Inspector.targetCrashed") throw ChromiumTrouble("crashed with the page");
+  if (event == "Inspector.targetCrashed" || event == "Target.detachedFromTarget")
+    throw ChromiumTrouble("crashed with the page");
+  if (event != "Page.lifecycleEvent") return;
+  const Json& told = message.at("params");
+  if (told.value("name", "") == "load") loaded_.insert(told.value("loaderId", ""));
 }
 
 Json Chromium::answer(int question, const Patience& patience) {
   for (;;) {
     const Json message = receive(patience);
     note_event(message);
-    if (message.value("id", 0) != question) continue;
+    if (message.value("id", -1) != question) continue;
     if (const auto error = message.find("error"); error != message.end())
       throw ChromiumTrouble(fmt::format("refused: {}", error->value("message", error->dump())));
     return message.at("result");
@@ -180,19 +201,24 @@ Json Chromium::ask(std::string_view method, Json parameters, const Patience& pat
 }
 
 void Chromium::load(const fs::path& file, const Patience& patience) try {
-  const Json page = answer(page_, patience);
-  session_ =
-      ask("Target.attachToTarget", {{"targetId", page.at("targetId")}, {"flatten", true}}, patience)
-          .at("sessionId");
-  for (const char* const domain : {"Page.enable", "Inspector.enable"})
-    ask(domain, Json::object(), patience);
-  send("Page.navigate", {{"url", file_url(file)}});
+  if (session_question_ == 0)
+    session_question_ =
+        send("Target.attachToTarget",
+             {{"targetId", answer(target_, patience).at("targetId")}, {"flatten", true}});
+  session_ = answer(session_question_, patience).at("sessionId");
+  for (const char* const domain : {"Page.enable", "Inspector.enable"}) send(domain, Json::object());
+  send("Page.setLifecycleEventsEnabled", {{"enabled", true}});
+  navigation_ = send("Page.navigate", {{"url", file_url(file)}});
 } catch (const Json::exception& e) {
   throw ChromiumTrouble(fmt::format("answered something else: {}", e.what()));
 }
 
 std::string Chromium::pdf(const Patience& patience) try {
-  while (!loaded_) note_event(receive(patience));
+  const Json page = answer(navigation_, patience);
+  if (const auto error = page.find("errorText"); error != page.end())
+    throw ChromiumTrouble(fmt::format("could not load the page: {}", error->get<std::string>()));
+  const std::string loader = page.at("loaderId");
+  while (!loaded_.contains(loader)) note_event(receive(patience));
   const Json printed = ask("Page.printToPDF",
                            {{"printBackground", true},
                             {"preferCSSPageSize", true},

@@ -6,6 +6,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
@@ -113,8 +114,7 @@ PosePoints::PosePoints(std::vector<std::string> columns) : columns_(std::move(co
 Csv& PosePoints::row(const Solver& solver, std::size_t pose, std::size_t part) {
   auto rows = std::ranges::find_if(
       rows_, [&](const Rows& r) { return r.solver == &solver && r.part == part; });
-  if (rows == rows_.end())
-    rows = rows_.insert(rows_.end(), Rows{&solver, part, Csv(columns_), {}});
+  if (rows == rows_.end()) rows = rows_.insert(rows_.end(), Rows{&solver, part, Csv(columns_), {}});
   rows->poses.push_back(pose);
   return rows->csv.text(solver.name).integer(static_cast<std::int64_t>(pose));
 }
@@ -129,8 +129,8 @@ std::string PosePoints::csv() const {
 void PosePoints::write(const std::filesystem::path& file) const { write_atomically(file, csv()); }
 
 bool PosePoints::none_of(const Solver& solver, std::size_t part) const {
-  return std::ranges::none_of(
-      rows_, [&](const Rows& r) { return r.solver == &solver && r.part == part; });
+  return std::ranges::none_of(rows_,
+                              [&](const Rows& r) { return r.solver == &solver && r.part == part; });
 }
 
 void PosePoints::draw(Draft& draft, const Solver& solver, std::string_view x, std::string_view rest,

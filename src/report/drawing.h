@@ -4,7 +4,6 @@
 
 #include <array>
 #include <filesystem>
-#include <map>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -68,13 +67,13 @@ std::string image_part(const std::filesystem::path& folder, const std::string& n
                        ImageView image, const Region& part, int every = 1);
 
 /// The file of a figure that has one point per solver and pose: columns "solver", "pose" (index in
-/// the plan, as in poses.csv), then the figure's own; a solver's rows stand together, so that gnuplot reads
-/// no others for its points. Every such figure is made with it, so that a solver can be hidden and a pose be
+/// the plan, as in poses.csv), then the figure's own; the rows of a solver (and part) stand together, so that
+/// gnuplot looks at no others for its points. Every such figure is made with it, so that a solver can be hidden and a pose be
 /// chosen in all of them.
 class PosePoints {
  public:
   explicit PosePoints(std::vector<std::string> columns);
-  /// Begins a row: its numbers follow, and `end_row`. A row that is drawn has no empty cell among the
+  /// Begins a row: its numbers follow, and `end_row`, before the next one is begun. A row that is drawn has no empty cell among the
   /// columns drawn: gnuplot leaves such a point out, and those behind it could not be told any more.
   /// @param part of the rows, where a solver's points are spread over several panels
   Csv& row(const Solver& solver, std::size_t pose, std::size_t part = 0);
@@ -97,7 +96,7 @@ class PosePoints {
     std::vector<std::size_t> poses;
   };
   std::vector<std::string> columns_;
-  std::vector<Rows> rows_;  ///< by their first row
+  std::vector<Rows> rows_;  ///< in the order of their first rows
 };
 
 /// Writes the scripts and draws them on all cores. Without gnuplot, or where it fails, a figure is

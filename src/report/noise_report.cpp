@@ -144,9 +144,8 @@ void cloud_figure(const std::filesystem::path& folder, const NoiseCampaign& camp
         draft.commands += fmt::format("set key at screen {:.5f},0.95 left top Left reverse\n",
                                       1.0 - kKeyPx / width);
       for (std::size_t k = 0; k < solvers.size(); ++k)
-        points.draw(draft, *solvers[k], "(edge($4))",
-                    fmt::format("(edge({}))", column), "ps 0.4 " + solver_look(*solvers[k], k),
-                    "plot", level);
+        points.draw(draft, *solvers[k], "(edge($4))", fmt::format("(edge({}))", column),
+                    "ps 0.4 " + solver_look(*solvers[k], k), "plot", level);
       draft.end_plot();
       if (with_key) draft.commands += "set key off\n";
     }

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
@@ -59,38 +60,47 @@ struct PdfPrinter::Printing {
     Workplace& operator=(const Workplace&) = delete;
 
     fs::path page() const { return folder_ / "report.html"; }
-    fs::path profile() const { return folder_ / "profile"; }
+    /// For one of the programs, made now.
+    fs::path part(const std::string& program) const {
+      std::error_code ignored;  // the program will say that it is not there
+      fs::create_directory(folder_ / program, ignored);
+      return folder_ / program;
+    }
 
    private:
     fs::path folder_;
   };
 
+  std::chrono::milliseconds timeout;
   std::optional<Workplace> place;
   std::optional<std::string> no_place;  ///< why there is none
   std::optional<Chromium> chromium;     ///< goes before its place does
-  bool loading = false;                 ///< the page, in this one
   std::size_t next = 0;                 ///< of the programs
   std::string tried;                    ///< what became of those before
 
   /// The next program that is there, if any.
   void start() {
-    loading = false;
     for (chromium.reset(); !chromium && next < std::size(kPrograms); ++next) {
-      chromium.emplace(kPrograms[next], place->profile());
-      if (!chromium->started()) chromium.reset();
+      try {
+        chromium.emplace(kPrograms[next], place->part(kPrograms[next]));
+        if (!chromium->started()) chromium.reset();
+      } catch (const ChromiumTrouble& e) {
+        note(kPrograms[next], e);
+      }
     }
   }
-  void give_up(const ChromiumTrouble& trouble) {
-    tried += fmt::format("{}{} {}", tried.empty() ? "" : "; ", kPrograms[next - 1], trouble.what());
-    start();
+  void note(const char* program, const ChromiumTrouble& trouble) {
+    tried += fmt::format("{}{} {}", tried.empty() ? "" : "; ", program, trouble.what());
   }
-  void load(const Patience& patience) {
-    chromium->load(place->page(), patience);
-    loading = true;
+  void give_up(const ChromiumTrouble& trouble) {
+    note(kPrograms[next - 1], trouble);
+    start();
   }
 };
 
-PdfPrinter::PdfPrinter() : printing_(std::make_unique<Printing>()) {
+PdfPrinter::PdfPrinter(std::chrono::milliseconds timeout)
+    : printing_(std::make_unique<Printing>()) {
+  printing_->timeout = timeout;
   try {
     printing_->place.emplace();
     printing_->start();
@@ -102,13 +112,15 @@ PdfPrinter::PdfPrinter() : printing_(std::make_unique<Printing>()) {
 PdfPrinter::~PdfPrinter() = default;
 
 void PdfPrinter::load(std::string_view page) {
+  constexpr std::chrono::milliseconds kMoment{500};  // it has been up for long
   Printing& p = *printing_;
   if (p.no_place) return;
   try {
     write_atomically(p.place->page(), page);
-    if (p.chromium) p.load({steady_clock::now() + kPrintTimeout, {}});
+    if (p.chromium) p.chromium->load(p.place->page(), {steady_clock::now() + kMoment, {}});
   } catch (const RecordError& e) {
     p.no_place = e.what();
+  } catch (const ChromiumLate&) {  // `print` has more patience
   } catch (const ChromiumTrouble& e) {
     p.give_up(e);
   }
@@ -118,18 +130,23 @@ std::optional<std::string> PdfPrinter::print(const fs::path& pdf,
                                              const std::function<void()>& waiting) {
   Printing& p = *printing_;
   if (p.no_place) return fmt::format("{} was not printed: {}", pdf.string(), *p.no_place);
-  const Patience patience{steady_clock::now() + kPrintTimeout, waiting};
-  while (p.chromium) try {
-      if (!p.loading) p.load(patience);
+  const Patience patience{steady_clock::now() + p.timeout, waiting};
+  while (p.chromium) {
+    try {
+      if (!p.chromium->loading()) p.chromium->load(p.place->page(), patience);
       const std::string bytes = p.chromium->pdf(patience);
       if (!is_whole_pdf(bytes)) throw ChromiumTrouble("sent a PDF without an end");
       write_atomically(pdf, bytes);
       return {};
+    } catch (const ChromiumLate& e) {
+      p.note(kPrograms[p.next - 1], e);
+      break;
     } catch (const ChromiumTrouble& e) {
       p.give_up(e);
     } catch (const RecordError& e) {
       return fmt::format("{} was not printed: {}", pdf.string(), e.what());
     }
+  }
   if (!p.tried.empty())
     return fmt::format("{} was not printed: {}. Instead, {}", pdf.string(), p.tried, kByHand);
   return fmt::format(

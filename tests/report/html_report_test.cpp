@@ -2,11 +2,9 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <signal.h>
 
 #include <chrono>
 #include <cstdlib>
-#include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <sstream>
@@ -26,20 +24,25 @@ using ::testing::HasSubstr;
 using ::testing::Not;
 
 /// Points of two solvers, poses 7, 8 and 9, one of them measured by one solver only.
-Draft two_solvers() {
+PosePoints points_of_two() {
   PosePoints points({"x", "y"});
   const Solver &one = kSolvers[0], &other = kSolvers[1];
   for (const auto& [solver, pose] :
        {std::pair(&one, 7), {&other, 7}, {&one, 8}, {&one, 9}, {&other, 9}})
-    points.row(*solver, static_cast<std::size_t>(pose))
-        .number(pose, 1)
-        .number(2 * pose, 1)
-        .end_row();
+    points.row(*solver, static_cast<std::size_t>(pose)).integer(pose).integer(2 * pose).end_row();
+  return points;
+}
+
+/// They, and a third solver that has none.
+Draft two_solvers() {
+  const PosePoints points = points_of_two();
+  const Solver &one = kSolvers[0], &other = kSolvers[1], &none = kSolvers[2];
   Draft draft;
   draft.figure.name = "two";
   draft.figure.caption = "Two <solvers> & their points.";
   points.draw(draft, one, "3", "4", solver_look(one, 0));
-  points.draw(draft, other, "3", "4", solver_look(other, 1));
+  points.draw(draft, none, "3", "4", solver_look(none, 2));
+  points.draw(draft, other, "(1 * $3)", "4", solver_look(other, 1));
   draft.element("20 with lines title 'bound'").end_plot();
   draft.commands += "set key off\nset palette grey\n";
   points.draw(draft, other, "3", "4:4:4", "pt 7 lc palette", "splot");
@@ -49,15 +52,20 @@ Draft two_solvers() {
   return draft;
 }
 
-std::string csv_of_two_solvers() {
-  const std::string one(kSolvers[0].name), other(kSolvers[1].name);
-  return "solver,pose,x,y\n" + one + ",7,7.0,14.0\n" + one + ",8,8.0,16.0\n" + one +
-         ",9,9.0,18.0\n" + other + ",7,7.0,14.0\n" + other + ",9,9.0,18.0\n";
-}
+std::string csv_of_two_solvers() { return points_of_two().csv(); }
 
 /// An SVG is too long to be printed by a matcher.
 bool has(const std::string& svg, const std::string& text) {
   return svg.find(text) != std::string::npos;
+}
+
+TEST(PosePoints, KeepsEachSolversRowsTogether) {
+  const std::string one(kSolvers[0].name), other(kSolvers[1].name);
+  EXPECT_EQ(points_of_two().csv(), "solver,pose,x,y\n" + one + ",7,7,14\n" + one + ",8,8,16\n" +
+                                       one + ",9,9,18\n" + other + ",7,7,14\n" + other +
+                                       ",9,9,18\n");
+  EXPECT_TRUE(points_of_two().none_of(kSolvers[2]));
+  EXPECT_FALSE(points_of_two().none_of(kSolvers[1]));
 }
 
 TEST(InlineSvg, TellsPointsOfSolversAndTheirPoses) {
@@ -257,21 +265,89 @@ TEST(PrintPdf, SaysWhatBecameOfEachChromium) {
   EXPECT_FALSE(std::filesystem::exists(folder / "page.pdf"));
 }
 
-TEST(PrintPdf, EndsWhatItStarted) {
+/// The answers of a Chromium, up to the page.
+const std::string kAnswersUpToThePage =
+    R"(printf '{"id":1,"result":{"targetId":"t"}}\000' >&4
+printf '{"id":2,"result":{"sessionId":"s"}}\000{"id":3,"res' >&4
+printf 'ult":{}}\000{"id":4,"result":{}}\000' >&4
+printf '{"id":5,"result":{}}\000' >&4
+)";
+/// And of one that prints what it is told to.
+std::string prints(const std::string& base64) {
+  return kAnswersUpToThePage +
+         R"(printf '{"method":"Page.lifecycleEvent","params":{"name":"load","loaderId":"blank"}}\000' >&4
+printf '{"id":6,"result":{"loaderId":"l"}}\000' >&4
+printf '{"method":"Page.lifecycleEvent","params":{"name":"load","loaderId":"l"}}\000' >&4
+printf '{"id":7,"result":{"stream":"1"}}\000' >&4
+printf '{"id":8,"result":{"base64Encoded":true,"eof":true,"data":")" +
+         base64 + R"("}}\000' >&4; read -r rest <&3)";
+}
+constexpr const char* kWhole = "JVBERi0xLjQKJSVFT0YK";  // "%PDF-1.4\n%%EOF\n"
+
+TEST(PrintPdf, TakesThePdfOfTheNextOneThatWorks) {
   TemporaryFolder folder;
-  const std::string pid = (folder / "pid").string();
-  {
-    const OnlyPrograms programs(
-        {{"chromium", "echo $$ > " + pid + "; read -r rest <&3; read -r rest <&3"}});
-    const PdfPrinter idle;
-    while (!std::filesystem::exists(pid) || std::filesystem::file_size(pid) == 0)
-      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  const OnlyPrograms programs({{"chromium-headless-shell", "exit 1"},
+                               {"chromium", prints("JVBERi0xLjQK")},  // without an end
+                               {"google-chrome", prints(kWhole)}});
+  EXPECT_EQ(printed(folder / "page.pdf"), std::nullopt);
+  EXPECT_EQ(slurp(folder / "page.pdf"), "%PDF-1.4\n%%EOF\n");
+}
+
+TEST(PrintPdf, DoesNotPrintAPageOfErrors) {
+  TemporaryFolder folder;
+  const OnlyPrograms programs(
+      {{"chromium",
+        kAnswersUpToThePage +
+            R"(printf '{"id":6,"result":{"loaderId":"l","errorText":"net::ERR"}}\000' >&4
+read -r rest <&3)"},
+       {"google-chrome", kAnswersUpToThePage +
+                             R"(printf '{"method":"Inspector.targetCrashed"}\000' >&4
+read -r rest <&3)"}});
+  const auto trouble = printed(folder / "page.pdf");
+  ASSERT_TRUE(trouble.has_value());
+  EXPECT_THAT(*trouble, AllOf(HasSubstr("chromium could not load the page: net::ERR"),
+                              HasSubstr("google-chrome crashed with the page")));
+}
+
+/// Within half a minute, on whatever machine.
+template <class Condition>
+bool comes_true(const Condition& condition) {
+  for (int i = 0; i < 3000; ++i) {
+    if (condition()) return true;
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
-  std::ifstream in(pid);
-  pid_t child = 0;
-  in >> child;
-  ASSERT_GT(child, 1);
-  EXPECT_NE(::kill(child, 0), 0);
+  return false;
+}
+
+TEST(PrintPdf, EndsWhatItStartedAndIsLate) {
+  TemporaryFolder folder, temporary;
+  const char* const before = std::getenv("TMPDIR");
+  const std::string kept = before == nullptr ? "" : before;
+  ::setenv("TMPDIR", temporary.path().c_str(), 1);
+  const std::filesystem::path pids = folder / "pids";
+  std::optional<std::string> trouble;
+  {
+    // It hears nothing, and neither does its child.
+    const OnlyPrograms programs(
+        {{"chromium", "while :; do :; done & echo $$ $! > " + pids.string() + "; wait"},
+         {"google-chrome", prints(kWhole)}});
+    PdfPrinter printer(std::chrono::milliseconds(300));
+    ASSERT_TRUE(comes_true([&] { return slurp(pids).ends_with('\n'); }));
+    printer.load("text");
+    trouble = printer.print(folder / "page.pdf");
+  }
+  before == nullptr ? ::unsetenv("TMPDIR") : ::setenv("TMPDIR", kept.c_str(), 1);
+  ASSERT_TRUE(trouble.has_value());
+  EXPECT_THAT(*trouble,
+              AllOf(HasSubstr("chromium took too long"), Not(HasSubstr("google-chrome"))));
+  EXPECT_TRUE(std::filesystem::is_empty(temporary.path()));
+  std::istringstream in(slurp(pids));
+  for (std::string process; in >> process;)
+    EXPECT_TRUE(comes_true([&] {
+      // What nobody waits for stays as a zombie, which runs no more.
+      const std::string state = slurp("/proc/" + process + "/stat");
+      return state.empty() || state.find(") Z") != std::string::npos;
+    })) << process;
 }
 
 TEST(PrintPdf, SaysWhereThereIsNoRoom) {

@@ -306,9 +306,9 @@ def check_pdf(file):
     images = subprocess.run(["pdfimages", "-list", file], check=True, capture_output=True, text=True).stdout.splitlines()
     # Of camera images there are a pattern with its detail (figure 8) and at most eight views of the LEDs (figure 12).
     assert 2 <= len(images) - 2 <= 10, f"figures are missing or pixels in the PDF: {images}"
-    with open(file, "rb") as pdf:
+    with open(file, "rb") as pdf:  # bookmarks are what has a title and a destination
         bookmarks = {title.replace(b"\\", b"").decode("latin-1")
-                     for title in re.findall(rb"/Title \(((?:[^()\\]|\\.)*)\)", pdf.read())}
+                     for title in re.findall(rb"/Title \(((?:[^()\\]|\\.)*)\)\s*/Dest", pdf.read())}
     with open(os.path.splitext(file)[0] + ".md", encoding="utf-8") as markdown:
         headings = set(re.findall(r"^##? (.*)$", markdown.read(), re.MULTILINE))
     assert headings and headings <= bookmarks, f"headings without a bookmark: {headings - bookmarks}"
