@@ -96,7 +96,7 @@ void ask_to_mount(Payload payload) {
              "\nMount {} on the table, then press Enter (Ctrl-C twice ends the run): ", what);
   // Not blocked in a read: a stop from elsewhere has to come through.
   for (pollfd input{STDIN_FILENO, POLLIN, 0}; ::poll(&input, 1, 50) <= 0;) {
-    throw_if_interrupted();
+    throw_if_interrupted(kEndedAfterPose);
     throw_if_stopping_now();
   }
   std::string line;

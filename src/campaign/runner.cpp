@@ -194,7 +194,7 @@ class Acquisition {
   void home() {
     const Time began = rig_.clock->now();
     for (const AxisId id : kAllAxes) {
-      throw_if_interrupted();
+      throw_if_interrupted(kEndedAfterPose);
       with_axis(rig_, id, [this](auto& axis) {
         if (axis.homed()) return;
         report("homing");
@@ -209,7 +209,7 @@ class Acquisition {
     // Whatever made the run wait, the channels have the last word before the rig moves.
     do {
       hold_while_paused(worker);
-      throw_if_interrupted();
+      throw_if_interrupted(kEndedAfterPose);
       throw_if_stopping_now();
       mount(pose.payload);
     } while (hold_while_outside(worker, job) || pause_requested());
@@ -297,7 +297,7 @@ class Acquisition {
         throw DeviceError(fmt::format(
             "{}: not back after {:.0f} s. See to it, then \"turntable resume\".", why, waited));
       report("suspended", why);
-      throw_if_interrupted();
+      throw_if_interrupted(kEndedAfterPose);
       // Virtual time has no end, and every reading is journaled.
       std::this_thread::sleep_for(std::chrono::milliseconds(20));
       rig_.clock->sleep_for(from_seconds(std::min(rig_file_.telemetry.every_s, kHoldPoll_s)));

@@ -74,8 +74,8 @@ void install_interrupt_handlers() {
   std::signal(SIGPIPE, SIG_IGN);
 }
 
-void throw_if_interrupted() {
-  if (g_level.load() >= 1) throw Interrupted("interrupted: ended after the last finished pose");
+void throw_if_interrupted(const char* told) {
+  if (g_level.load() >= 1) throw Interrupted(told);
 }
 
 void throw_if_stopping_now() {

@@ -15,8 +15,10 @@ void stop_at_first_interrupt();
 inline constexpr int kKilledByPress = 137;
 /// For tests, and for ending `serve`.
 void set_interrupt_level(int level);
+/// What a run tells that is ended by level 1.
+inline constexpr const char* kEndedAfterPose = "interrupted: ended after the last finished pose";
 /// @throws Interrupted at level 1 and above; called where nothing is lost by ending.
-void throw_if_interrupted();
+void throw_if_interrupted(const char* told = "interrupted");
 /// @throws Interrupted at level 2 and above; called wherever the program waits, unless shielded.
 void throw_if_stopping_now();
 
