@@ -12,6 +12,7 @@
 #include "src/app/provenance.h"
 #include "src/core/errors.h"
 #include "src/record/atomic_file.h"
+#include "src/record/folder.h"
 #include "src/record/sha256.h"
 #include "src/record/verify.h"
 #include "src/report/tables.h"
@@ -20,26 +21,6 @@ namespace turntable {
 namespace {
 
 namespace fs = std::filesystem;
-
-/// A folder that is gone with this object.
-struct Scratch {
-  Scratch() {
-    std::string name = (temporary_files() / "turntable-verify-XXXXXX").string();
-    if (::mkdtemp(name.data()) == nullptr)
-      throw RecordError(fmt::format(
-          "{}: no folder can be made to evaluate the run again in. Name another in TMPDIR, or give "
-          "--record-only.",
-          name));
-    path = name;
-  }
-  ~Scratch() {
-    std::error_code ignored;
-    fs::remove_all(path, ignored);
-  }
-  Scratch(const Scratch&) = delete;
-  Scratch& operator=(const Scratch&) = delete;
-  fs::path path;
-};
 
 /// What to do about a difference, and what may explain it.
 std::string advice(const RunFolder& folder, const Json& made_by) {
@@ -115,8 +96,8 @@ void verify_outputs(const RunFolder& folder, RunFindings& findings) {
   }
   if (!beside_are_there) options.beside.clear();
 
-  const Scratch scratch;
-  const RunFolder again = folder.with_outputs_in(scratch.path);
+  const Scratch scratch("turntable-verify", ", or give --record-only");
+  const RunFolder again = folder.with_outputs_in(scratch.path());
   const Results made = make_results(folder, std::move(options));
   write_atomically(again.calibration(), calibration_to_json(made.calibration));
   write_poses_csv(made.evaluation, made.record.plan, again.poses());

@@ -4,9 +4,14 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <chrono>
+#include <cstdlib>
 #include <cstring>
+#include <string>
+#include <thread>
 
 #include "src/core/errors.h"
+#include "src/record/atomic_file.h"
 
 namespace turntable {
 
@@ -37,6 +42,27 @@ void require_writable(const fs::path& folder, std::string_view what, std::string
       return;
     }
     if (at == at.parent_path()) return;
+  }
+}
+
+Scratch::Scratch(std::string_view name, std::string_view otherwise) {
+  const fs::path place = temporary_files();
+  std::string pattern = (place / fmt::format("{}-XXXXXX", name)).string();
+  if (::mkdtemp(pattern.data()) == nullptr)
+    throw RecordError(
+        fmt::format("{}: no temporary folder can be made there: {}. Make room, or name another "
+                    "place in TMPDIR{}.",
+                    place.string(), std::strerror(errno), otherwise));
+  path_ = pattern;
+}
+
+Scratch::~Scratch() {
+  // A program that was killed a moment ago may still write into it.
+  for (int i = 0; i < 20; ++i) {
+    std::error_code error;
+    fs::remove_all(path_, error);
+    if (!error) return;
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
 }
 

@@ -16,4 +16,20 @@ void make_folder(const std::filesystem::path& folder);
 void require_writable(const std::filesystem::path& folder, std::string_view what,
                       std::string_view option);
 
+/// A temporary folder, gone with this object and all that is in it.
+class Scratch {
+ public:
+  /// @param name what its name begins with: "turntable-print". @param otherwise more advice: ", or give --no-pdf"
+  /// @throws RecordError: it cannot be made.
+  explicit Scratch(std::string_view name, std::string_view otherwise = "");
+  ~Scratch();
+  Scratch(const Scratch&) = delete;
+  Scratch& operator=(const Scratch&) = delete;
+
+  const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+};
+
 }  // namespace turntable

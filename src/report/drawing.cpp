@@ -8,14 +8,13 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cstdlib>
-#include <cstring>
 #include <thread>
 
 #include "src/core/errors.h"
 #include "src/core/json_document.h"
 #include "src/core/parallel.h"
 #include "src/record/atomic_file.h"
+#include "src/record/folder.h"
 
 extern char** environ;
 
@@ -167,21 +166,8 @@ std::vector<Figure> draw(const std::filesystem::path& folder, const std::vector<
 }
 
 std::string draw_svg(const Draft& draft, std::string_view csv) {
-  namespace fs = std::filesystem;
-  std::string pattern = (temporary_files() / "turntable_XXXXXX").string();
-  if (::mkdtemp(pattern.data()) == nullptr)
-    throw RecordError(
-        fmt::format("{}: no temporary folder can be made there: {}. Make room, or "
-                    "name another place in TMPDIR.",
-                    temporary_files().string(), std::strerror(errno)));
-  const fs::path folder = pattern;
-  struct Remove {
-    const fs::path& folder;
-    ~Remove() {
-      std::error_code ignored;
-      fs::remove_all(folder, ignored);
-    }
-  } const remove{folder};
+  const Scratch scratch("turntable-figure");
+  const std::filesystem::path& folder = scratch.path();
   write_atomically(folder / (draft.figure.name + ".csv"), csv);
   if (!draw(folder, {draft}).front().drawn)
     throw ConfigError("gnuplot", "",

@@ -1,17 +1,13 @@
 #include "src/report/pdf.h"
 
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
-#include <cstdlib>
-#include <cstring>
 #include <iterator>
-#include <thread>
 
 #include "src/core/errors.h"
 #include "src/record/atomic_file.h"
+#include "src/record/folder.h"
 #include "src/report/chromium.h"
 
 namespace turntable {
@@ -35,54 +31,26 @@ bool is_whole_pdf(std::string_view bytes) {
 }  // namespace
 
 struct PdfPrinter::Printing {
-  /// A temporary folder that is gone with this object. @throws RecordError.
-  class Workplace {
-   public:
-    Workplace() {
-      std::string pattern = (temporary_files() / "turntable-print-XXXXXX").string();
-      if (::mkdtemp(pattern.data()) == nullptr)
-        throw RecordError(
-            fmt::format("{}: no temporary folder can be made there: {}. Make room, or name another "
-                        "place in TMPDIR.",
-                        temporary_files().string(), std::strerror(errno)));
-      folder_ = pattern;
-    }
-    ~Workplace() {
-      // A Chromium that was killed a moment ago may still write into it.
-      for (int i = 0; i < 20; ++i) {
-        std::error_code error;
-        fs::remove_all(folder_, error);
-        if (!error) return;
-        std::this_thread::sleep_for(std::chrono::milliseconds(10));
-      }
-    }
-    Workplace(const Workplace&) = delete;
-    Workplace& operator=(const Workplace&) = delete;
-
-    fs::path page() const { return folder_ / "report.html"; }
-    /// For one of the programs, made now.
-    fs::path part(const std::string& program) const {
-      std::error_code ignored;  // the program will say that it is not there
-      fs::create_directory(folder_ / program, ignored);
-      return folder_ / program;
-    }
-
-   private:
-    fs::path folder_;
-  };
-
   std::chrono::milliseconds timeout;
-  std::optional<Workplace> place;
+  std::optional<Scratch> place;
   std::optional<std::string> no_place;  ///< why there is none
   std::optional<Chromium> chromium;     ///< goes before its place does
   std::size_t next = 0;                 ///< of the programs
   std::string tried;                    ///< what became of those before
 
+  fs::path page() const { return place->path() / "report.html"; }
+  /// Made now.
+  fs::path folder_of(const char* program) const {
+    const fs::path folder = place->path() / program;
+    std::error_code ignored;  // the program will say that it is not there
+    fs::create_directory(folder, ignored);
+    return folder;
+  }
   /// The next program that is there, if any.
   void start() {
     for (chromium.reset(); !chromium && next < std::size(kPrograms); ++next) {
       try {
-        chromium.emplace(kPrograms[next], place->part(kPrograms[next]));
+        chromium.emplace(kPrograms[next], folder_of(kPrograms[next]));
         if (!chromium->started()) chromium.reset();
       } catch (const ChromiumTrouble& e) {
         note(kPrograms[next], e);
@@ -102,7 +70,7 @@ PdfPrinter::PdfPrinter(std::chrono::milliseconds timeout)
     : printing_(std::make_unique<Printing>()) {
   printing_->timeout = timeout;
   try {
-    printing_->place.emplace();
+    printing_->place.emplace("turntable-print");
     printing_->start();
   } catch (const RecordError& e) {
     printing_->no_place = e.what();
@@ -116,8 +84,8 @@ void PdfPrinter::load(std::string_view page) {
   Printing& p = *printing_;
   if (p.no_place) return;
   try {
-    write_atomically(p.place->page(), page);
-    if (p.chromium) p.chromium->load(p.place->page(), {steady_clock::now() + kMoment, {}});
+    write_atomically(p.page(), page);
+    if (p.chromium) p.chromium->load(p.page(), {steady_clock::now() + kMoment, {}});
   } catch (const RecordError& e) {
     p.no_place = e.what();
   } catch (const ChromiumLate&) {  // `print` has more patience
@@ -133,7 +101,7 @@ std::optional<std::string> PdfPrinter::print(const fs::path& pdf,
   const Patience patience{steady_clock::now() + p.timeout, waiting};
   while (p.chromium) {
     try {
-      if (!p.chromium->loading()) p.chromium->load(p.place->page(), patience);
+      if (!p.chromium->loading()) p.chromium->load(p.page(), patience);
       const std::string bytes = p.chromium->pdf(patience);
       if (!is_whole_pdf(bytes)) throw ChromiumTrouble("sent a PDF without an end");
       write_atomically(pdf, bytes);
