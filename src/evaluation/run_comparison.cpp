@@ -44,14 +44,14 @@ RunChange change_of(const std::string& scenario, const Solver* solver, const Pos
   out.scenario = scenario;
   out.solver = solver;
   // Results of either run, and whether the other one has a partner.
-  struct Judged {
+  struct Measured {
     Place place;
     const PoseResult* result;
     bool has_partner;
   };
   const auto judged = [&](const PosesByVisit& mine, const PosesByVisit& theirs,
                           std::size_t& failed) {
-    std::vector<Judged> list;
+    std::vector<Measured> list;
     for (const auto& [key, pose] : mine) {
       const PoseResult* result = result_of(*pose, solver);
       if (result == nullptr) {
@@ -64,23 +64,24 @@ RunChange change_of(const std::string& scenario, const Solver* solver, const Pos
     }
     return list;
   };
-  std::array<std::vector<Judged>, 2> runs{judged(first, other, out.first_failed),
-                                          judged(other, first, out.other_failed)};
-  const auto pairs = static_cast<std::size_t>(std::ranges::count_if(runs[0], &Judged::has_partner));
+  std::array<std::vector<Measured>, 2> runs{judged(first, other, out.first_failed),
+                                            judged(other, first, out.other_failed)};
+  const auto pairs =
+      static_cast<std::size_t>(std::ranges::count_if(runs[0], &Measured::has_partner));
   out.paired = pairs > 0 && 2 * pairs >= std::min(runs[0].size(), runs[1].size());
   if (out.paired)
-    for (std::vector<Judged>& run : runs) std::erase_if(run, std::not_fn(&Judged::has_partner));
+    for (std::vector<Measured>& run : runs) std::erase_if(run, std::not_fn(&Measured::has_partner));
   out.first_poses = runs[0].size();
   out.other_poses = runs[1].size();
 
   std::map<Place, std::size_t> clusters;
-  for (const std::vector<Judged>& run : runs)
-    for (const Judged& j : run) clusters.try_emplace(j.place, clusters.size());
+  for (const std::vector<Measured>& run : runs)
+    for (const Measured& j : run) clusters.try_emplace(j.place, clusters.size());
   const auto columns = [&](const auto& of) {
     std::array<std::vector<ClusterSum>, 2> sums;
     for (std::size_t r = 0; r < 2; ++r) {
       sums[r].resize(clusters.size());
-      for (const Judged& j : runs[r]) sums[r][clusters.at(j.place)].add(of(j.result->error));
+      for (const Measured& j : runs[r]) sums[r][clusters.at(j.place)].add(of(j.result->error));
     }
     return sums;
   };

@@ -118,9 +118,9 @@ void cloud_figure(const std::filesystem::path& folder, const NoiseCampaign& camp
       every == 1 ? "the" : fmt::format("every {}th of the {}", every, measure),
       campaign.options.scenario);
   const std::size_t count = campaign.levels.size();
-  constexpr double kPanelPx = 260.0, kKeyPx = 200.0;
-  const double width = kPanelPx * static_cast<double>(count) + kKeyPx;
-  draft.size = fmt::format("{:.0f},{:.0f}", width, 2.0 * kPanelPx + 20.0);
+  constexpr double kCloudPx = 260.0, kKeyPx = 200.0;
+  const double width = kCloudPx * static_cast<double>(count) + kKeyPx;
+  draft.size = fmt::format("{:.0f},{:.0f}", width, 2.0 * kCloudPx + 20.0);
   draft.commands = fmt::format(
       "set multiplot\nset key off\nset size {0:.5f},0.5\nset lmargin 10\nset rmargin 1\nset "
       "tmargin "
@@ -129,7 +129,7 @@ void cloud_figure(const std::filesystem::path& folder, const NoiseCampaign& camp
       "[{1}:{2}]\nset xtics {3}\nset ytics {3}\nedge(x) = x > {4} ? {4} : x < -{4} ? "
       "-{4} "
       ": x\n",
-      kPanelPx / width, fixed(-1.05 * scale, 6), fixed(1.05 * scale, 6), tick(scale),
+      kCloudPx / width, fixed(-1.05 * scale, 6), fixed(1.05 * scale, 6), tick(scale),
       fixed(scale, 6));
   for (const auto& [row, name, column] :
        {std::tuple(0, "pitch", "$6"), std::tuple(1, "roll", "$5")})
@@ -137,7 +137,7 @@ void cloud_figure(const std::filesystem::path& folder, const NoiseCampaign& camp
       draft.commands += fmt::format(
           "set origin {:.5f},{}\nset title 'sigma {:g}'\nset xlabel 'yaw error / deg'\n"
           "set ylabel '{} error / deg'\n",
-          static_cast<double>(level) * kPanelPx / width, row == 0 ? "0.5" : "0",
+          static_cast<double>(level) * kCloudPx / width, row == 0 ? "0.5" : "0",
           campaign.levels[level].sigma_grey, name);
       const bool with_key = row == 0 && level + 1 == count;
       if (with_key)

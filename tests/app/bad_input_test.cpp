@@ -19,13 +19,13 @@ std::string edited(const fs::path& file, const std::string& from, const std::str
   return text;
 }
 
-struct Slip {
+struct Edit {
   std::string file, from, to;
   std::vector<std::string> says;
 };
 
 TEST(BadScenario, IsRefusedWithThePlaceAndNothingHappens) {
-  const std::vector<Slip> slips{
+  const std::vector<Edit> edits{
       {"uniaxial_z.json", "\"order\"", "\"ordr\"", {"unknown key \"ordr\""}},
       {"uniaxial_z.json", "\"stage_mm\": 120", "\"stage_mm\": \"120\"", {"/stage_mm", "\"120\""}},
       {"uniaxial_z.json", "\"stop_deg\": 45", "\"stop_deg\": 450", {"/ranges/0"}},
@@ -44,25 +44,25 @@ TEST(BadScenario, IsRefusedWithThePlaceAndNothingHappens) {
       {"uniaxial_z.json", "\"stage_mm\": 120", "\"stage_mm\": 1200", {"stage"}},
       {"uniaxial_z.json", "turntable-scenario/1", "turntable-rig/1", {"/format"}},
   };
-  for (const Slip& slip : slips) {
+  for (const Edit& edit : edits) {
     TemporaryFolder folder;
-    spill(folder / "scenario.json", edited(kScenarios / slip.file, slip.from, slip.to));
+    spill(folder / "scenario.json", edited(kScenarios / edit.file, edit.from, edit.to));
     const Outcome outcome =
         turntable_program("run " + (folder / "scenario.json").string() +
                           " --rig scenarios/rigs/simulated.json --out " +
                           (folder / "out").string() + " --wire-log " + (folder / "wire").string());
-    EXPECT_EQ(outcome.code, 2) << slip.to << ": " << outcome.output;
+    EXPECT_EQ(outcome.code, 2) << edit.to << ": " << outcome.output;
     EXPECT_NE(outcome.output.find("scenario.json"), std::string::npos) << outcome.output;
-    for (const std::string& words : slip.says)
+    for (const std::string& words : edit.says)
       EXPECT_NE(outcome.output.find(words), std::string::npos)
           << "no \"" << words << "\" in: " << outcome.output;
-    EXPECT_FALSE(fs::exists(folder / "out")) << slip.to;
-    EXPECT_FALSE(fs::exists(folder / "wire")) << slip.to;
+    EXPECT_FALSE(fs::exists(folder / "out")) << edit.to;
+    EXPECT_FALSE(fs::exists(folder / "wire")) << edit.to;
   }
 }
 
 TEST(BadRig, IsRefusedWithThePlaceAndNothingHappens) {
-  const std::vector<Slip> slips{
+  const std::vector<Edit> edits{
       {"simulated.json",
        "[-40.6, 44.2, -40], [-18.0, -57.2, -40]",
        "[-40.6, 44.2, -40]",
@@ -78,20 +78,20 @@ TEST(BadRig, IsRefusedWithThePlaceAndNothingHappens) {
       {"simulated.json", "zolix-mc600", "zolix-mc6000", {"zolix-mc600"}},
       {"simulated.json", "\"model\": \"simulated\"", "\"model\": \"film\"", {"/camera/model"}},
   };
-  for (const Slip& slip : slips) {
+  for (const Edit& edit : edits) {
     TemporaryFolder folder;
-    std::string text = edited(kScenarios / "rigs" / slip.file, slip.from, slip.to);
+    std::string text = edited(kScenarios / "rigs" / edit.file, edit.from, edit.to);
     text.replace(text.find("../calibration_sweep.json"), 25,
                  (kScenarios / "calibration_sweep.json").string());
     spill(folder / "rig.json", text);
     const Outcome outcome =
         turntable_program("run scenarios/uniaxial_z.json --rig " + (folder / "rig.json").string() +
                           " --out " + (folder / "out").string());
-    EXPECT_EQ(outcome.code, 2) << slip.to << ": " << outcome.output;
-    for (const std::string& words : slip.says)
+    EXPECT_EQ(outcome.code, 2) << edit.to << ": " << outcome.output;
+    for (const std::string& words : edit.says)
       EXPECT_NE(outcome.output.find(words), std::string::npos)
           << "no \"" << words << "\" in: " << outcome.output;
-    EXPECT_FALSE(fs::exists(folder / "out")) << slip.to;
+    EXPECT_FALSE(fs::exists(folder / "out")) << edit.to;
   }
 }
 
