@@ -68,56 +68,44 @@ Table long_table(const Plan& plan, const std::vector<ErrorBudget>& budgets) {
   return table;
 }
 
-/// One scenario: lines down, solvers across, totals only.
-Table shown_table(const Plan& plan, const std::vector<const ErrorBudget*>& budgets) {
-  Table table{"budget",
-              fmt::format("Error budget, {}: contributions to the total RMSE, deg",
+using Budgets = std::vector<const ErrorBudget*>;
+
+/// One scenario: lines down, solvers across, totals only; of a rig as drawn, or of this one as found.
+Table shown_table(const Plan& plan, const Budgets& budgets, bool as_found) {
+  Table table{as_found ? "budget_found" : "budget",
+              fmt::format("Error budget of {}, {}: contributions to the total RMSE, deg",
+                          as_found ? "this rig as found" : "a rig as drawn",
                           plan.scenarios[budgets.front()->scenario].title),
               {{"line", "cause"}},
               {}};
-  const bool found = budgets.front()->found.has_value();
   for (const ErrorBudget* b : budgets)
-    table.columns.push_back(
-        {fmt::format("drawn_{}_deg", b->solver->name), fmt::format("drawn: {}", b->solver->name)});
-  for (const ErrorBudget* b : budgets)
-    if (found)
-      table.columns.push_back({fmt::format("found_{}_deg", b->solver->name),
-                               fmt::format("found: {}", b->solver->name)});
-  table.columns.push_back({"amount", "amount and source (standard uncertainty)"});
-  const auto row = [&](std::string line, const std::string& amount, auto&& drawn, auto&& of_found) {
+    table.columns.push_back({fmt::format("{}_deg", b->solver->name), std::string(b->solver->name)});
+  if (!as_found) table.columns.push_back({"amount", "amount and source (standard uncertainty)"});
+  const auto row = [&](std::string line, const std::string& amount, auto&& of_budget) {
     std::vector<Cell> cells{std::move(line)};
-    for (const ErrorBudget* b : budgets) cells.push_back(drawn(*b));
-    for (const ErrorBudget* b : budgets)
-      if (found) cells.push_back(of_found(*b));
-    cells.emplace_back(amount);
+    for (const ErrorBudget* b : budgets) cells.emplace_back(of_budget(*b));
+    if (!as_found) cells.emplace_back(amount);
     table.rows.push_back(std::move(cells));
   };
-  const auto nothing = [](const ErrorBudget&) { return Cell(); };
   for (std::size_t i = 0; i < budgets.front()->lines.size(); ++i) {
     const BudgetLine& line = budgets.front()->lines[i];
-    row(
-        std::string(cause_name(line.cause)), line.amount,
-        [i](const ErrorBudget& b) { return Cell(b.lines[i].drawn.total_deg()); },
-        [i](const ErrorBudget& b) { return Cell(b.lines[i].found->total_deg()); });
+    row(std::string(cause_name(line.cause)), line.amount, [&](const ErrorBudget& b) {
+      return (as_found ? *b.lines[i].found : b.lines[i].drawn).total_deg();
+    });
   }
-  row(
-      "all together", "root of the sum of squares; as found: pose by pose",
-      [](const ErrorBudget& b) { return Cell(b.drawn.total_deg()); },
-      [](const ErrorBudget& b) { return Cell(b.found->total_deg()); });
-  row(
-      "rigs drawn from these tolerances [95 % of them]", fmt::format("{} rigs", kBudgetDraws),
-      [](const ErrorBudget& b) { return Cell(b.monte_carlo_deg); }, nothing);
-  const auto observed = [](const ErrorBudget& b) { return Cell(b.observed.total_deg()); };
-  if (found)
-    row("observed", "over the same poses", nothing, observed);
-  else
-    row("observed", "over the same poses", observed, nothing);
+  row(as_found ? "all together, pose by pose" : "all together", "root of the sum of squares",
+      [&](const ErrorBudget& b) { return (as_found ? *b.found : b.drawn).total_deg(); });
+  if (!as_found)
+    row("rigs drawn from these tolerances [95 % of them]", fmt::format("{} rigs", kBudgetDraws),
+        [](const ErrorBudget& b) { return b.monte_carlo_deg; });
+  if (as_found || !budgets.front()->found)
+    row("observed", "over the same poses",
+        [](const ErrorBudget& b) { return b.observed.total_deg(); });
   return table;
 }
 
-std::vector<const ErrorBudget*> of_scenario(const std::vector<ErrorBudget>& budgets,
-                                            std::size_t scenario) {
-  std::vector<const ErrorBudget*> out;
+Budgets of_scenario(const std::vector<ErrorBudget>& budgets, std::size_t scenario) {
+  Budgets out;
   for (const ErrorBudget& b : budgets)
     if (b.scenario == scenario) out.push_back(&b);
   return out;
@@ -136,15 +124,19 @@ std::vector<WrittenTable> write_budget_tables(const RunFolder& folder, const Pla
                                               const std::vector<ErrorBudget>& budgets) {
   if (budgets.empty()) return {};
   make_folder(folder.tables());
-  const Table shown = shown_table(plan, of_scenario(budgets, shown_scenario(plan, budgets)));
-  return {write_table(long_table(plan, budgets), shown, folder.tables())};
+  const Budgets shown = of_scenario(budgets, shown_scenario(plan, budgets));
+  std::vector<WrittenTable> written{
+      write_table(long_table(plan, budgets), shown_table(plan, shown, false), folder.tables())};
+  if (shown.front()->found)
+    written.push_back(write_table(shown_table(plan, shown, true), folder.tables()));
+  return written;
 }
 
 std::string budget_text(const std::vector<WrittenTable>& written, const Plan& plan,
                         const std::vector<ErrorBudget>& budgets) {
   const WrittenTable* table = find_table(written, "budget");
   if (table == nullptr) return {};
-  const std::vector<const ErrorBudget*> shown = of_scenario(budgets, shown_scenario(plan, budgets));
+  const Budgets shown = of_scenario(budgets, shown_scenario(plan, budgets));
   std::string md =
       "## Error budget\n\n"
       "Where the errors of the level \"as published\" come from. *Drawn*: what "
@@ -162,6 +154,8 @@ std::string budget_text(const std::vector<WrittenTable>& written, const Plan& pl
   else
     md += "What this rig turned out to be is not known: self-calibration was not possible.\n\n";
   md += fmt::format("### {}\n\n{}\n", table->title, table->markdown);
+  if (const WrittenTable* found = find_table(written, "budget_found"))
+    md += fmt::format("### {}\n\n{}\n", found->title, found->markdown);
   for (const ErrorBudget* b : shown)
     if (b->found)
       md += fmt::format(

@@ -10,8 +10,9 @@
 
 namespace turntable {
 
-/// Writes tables/budget.csv (every scenario, solver and line) and budget.{md,tex} (the scenario that
-/// turns the most axes, a column for each solver). Nothing of no budgets. @throws RecordError.
+/// Writes tables/budget.csv (every scenario, solver and line), budget.{md,tex} (the scenario that turns
+/// the most axes, a column for each solver, as drawn) and budget_found.{csv,md,tex} (the same as found,
+/// if anything was). Nothing of no budgets. @throws RecordError.
 std::vector<WrittenTable> write_budget_tables(const RunFolder& folder, const Plan& plan,
                                               const std::vector<ErrorBudget>& budgets);
 

@@ -95,7 +95,7 @@ void pattern_figure(const Context& to, const PatternExample& example) {
       "A processed image of the pattern ({}) with the centre that was found of every point, and a "
       "detail with their names, column and row from the pattern's origin (as figure 8).",
       example.file);
-  draft.size = "1400,720";
+  draft.size = "1000,520";
   draft.commands =
       "set key off\nset size ratio -1\nunset grid\nset xlabel 'u / px'\nset ylabel 'v / px'\n"
       "set multiplot layout 1,2\n" +
@@ -135,10 +135,10 @@ void positions_figure(const Context& to, const CalibrationSet& set) {
       "Positions of the pattern's points on each plane, on one scale: standard (circles), and "
       "recalculated by the ray model from their pixels (crosses), those in the calibrated area (as "
       "figure 9).";
-  draft.size = fmt::format("{},{}", 440 * columns, 50 + 440 * rows);
+  draft.size = fmt::format("{},{}", 330 * columns, 50 + 330 * rows);
   const Vector2d room = 0.06 * (high - low);
   draft.commands = fmt::format(
-      "set size ratio -1\nset xlabel 'x / mm'\nset ylabel 'y / mm'\n"
+      "set size ratio -1\nset tics font ',11'\nset xlabel 'x / mm'\nset ylabel 'y / mm'\n"
       "set xrange [{}:{}]\nset yrange [{}:{}]\nset key at screen 0.5,0.995 center top horizontal "
       "maxrows 1\nset bmargin 4\nset tmargin 3\nset multiplot layout {},{} title ' '\n{}unset "
       "multiplot\n",
@@ -184,17 +184,20 @@ void residual_figures(const Context& to, const CalibrationSet& set, const SeenPl
         "Residuals of the ray model {}, interpolated between the points in the calibrated area: "
         "contour map and in three dimensions, on a scale of their own (as figure 10).",
         which);
-    map.size = "1300,600";
+    map.size = "1000,430";
     map.commands =
         block + "EOD\n" + common +
         fmt::format(
             "set xrange [{}:{}]\nset yrange [{}:{}]\nset cbrange [0:*]\nset zrange [0:*]\n"
-            "set dgrid3d 30,30 splines\nset pm3d\nset multiplot layout 1,2\n"
+            "set dgrid3d 30,30 splines\nset pm3d\nunset cblabel\nset multiplot\n"
+            "set margins at screen 0.08, at screen 0.4, at screen 0.16, at screen 0.95\n"
             "set view map\nset size ratio -1\nset contour surface\nset cntrparam levels auto 6\n"
             "splot $inside using 1:2:3 with pm3d nocontour, '' using 1:2:3 with lines lc rgb "
             "'#444444' lw 0.8 nosurface\n"
-            "unset contour\nset view 58,35\nset size noratio\nset xyplane 0\nset zlabel 'residual "
-            "/ mm' rotate offset -1.5\nunset colorbox\nsplot $inside using 1:2:3 with pm3d\nunset "
+            "unset contour\nset margins -1, -1, -1, -1\nset origin 0.53,0.03\n"
+            "set size noratio 0.47,1\nset view 58,35,1.1\nset xyplane 0\n"
+            "set zlabel 'residual / mm' rotate offset -2\nunset colorbox\nsplot $inside using "
+            "1:2:3 with pm3d\nunset "
             "multiplot\n",
             low.x(), high.x(), low.y(), high.y());
     to.add(std::move(map), csv);

@@ -24,8 +24,8 @@ struct FileRows {
 /// Panels of one size, beside and below each other, and the room about and between them; px.
 struct PanelGrid {
   std::size_t columns = 1, rows = 1;
-  double width = 300, height = 220;  ///< of a panel
-  double left = 85, right = 190, top = 40, bottom = 60;
+  double width = 225, height = 200;  ///< of a panel
+  double left = 80, right = 205, top = 40, bottom = 60;
   double beside = 55, below = 70;
 
   /// As many rows of three as it takes.
@@ -161,7 +161,7 @@ std::vector<Draft> angle_drafts(const std::filesystem::path& folder, const Plan&
       "a panel per solver on one scale, with its running median as a line; in the last panel all "
       "of the medians.",
       plan.scenarios[*scenario].title);
-  PanelGrid grid{.width = 310, .height = 230, .right = 20, .below = 105};
+  PanelGrid grid{.width = 260, .height = 200, .right = 20, .below = 105};
   draft.size = grid.of(curves.size() + 1).size();
   draft.commands = fmt::format(
       "set key off\nset logscale y\nset yrange [{:.4g}:{:.4g}]\nset xrange [{:.4g}:{:.4g}]\n"
@@ -250,7 +250,7 @@ std::vector<Draft> normality_drafts(const std::filesystem::path& folder, const P
       "follow the diagonal; an S says that tails are short, as of systematic errors.{}",
       plan.scenarios[*scenario].title,
       beyond > 0 ? fmt::format(" {} marks beyond {:g} are outside.", beyond, kShown) : "");
-  PanelGrid grid{.height = 300};
+  PanelGrid grid{.height = 260};
   draft.size = grid.of(kToldAxes.size()).size();
   draft.commands = fmt::format(
       "set xlabel 'normal quantile'\nset ylabel 'standardised error'\nset xrange [{0}:{1}]\n"
@@ -288,7 +288,7 @@ std::vector<Draft> bound_drafts(const std::filesystem::path& folder, const Plan&
       "dark), and what the noise of the spots alone leaves to any unbiased solver (line; dashed "
       "with the turntable's repeatability): what is between the last bar and the line is left to "
       "gain.";
-  PanelGrid grid{.bottom = 90, .below = 110};
+  PanelGrid grid{.height = 160, .bottom = 90, .below = 110};
   draft.size = grid.of(judged.bounds.size()).size();
   std::map<const Solver*, double> of_solver;
   for (const LevelRow& r : judged.rows)
@@ -372,7 +372,7 @@ std::vector<Draft> repeatability_drafts(const std::filesystem::path& folder, con
   draft.figure.caption =
       "Repeatability of the measured angles: how far repeats at the same angles spread about their "
       "mean, by axis and solver, on one scale. Errors that come back every time are not in it.";
-  PanelGrid grid{.height = 260};
+  PanelGrid grid{.height = 230};
   draft.size = grid.of(by_scenario.size()).size();
   std::map<const Solver*, double> of_solver;
   for (const auto& [scenario, of] : by_scenario)
@@ -503,7 +503,8 @@ std::vector<Draft> drift_drafts(const std::filesystem::path& folder, const RunRe
       returns ? "; marks are poses at zero angles again, whose error is what has moved since the "
                 "beginning of their repeat"
               : " (this run has no poses that return to zero, which would show it alone)");
-  const PanelGrid grid{.rows = kToldAxes.size(), .width = 830, .top = 15, .below = 20};
+  const PanelGrid grid{
+      .rows = kToldAxes.size(), .width = 750, .height = 170, .top = 15, .below = 20};
   draft.size = grid.size();
   draft.commands =
       grid.multiplot() +
@@ -625,14 +626,14 @@ std::vector<Draft> budget_drafts(const std::filesystem::path& folder, const Plan
   draft.figure.caption = fmt::format(
       "Where the error comes from, {}: shares of the causes in the predicted mean square of every "
       "solver's total error, for a rig built to the drawings{}. Numbers are those of the key; "
-      "at the top stands the predicted total; diamond: the observed mean square.",
+      "at the top stands the predicted total, deg; diamond: the observed mean square.",
       plan.scenarios[*scenario].title,
       found ? " and for this one as found (its causes add up pose by pose: to more than 100 % "
               "where they cancel, to less where they join)"
             : "");
   const PanelGrid grid{.columns = panels.size(),
-                       .width = 90.0 * static_cast<double>(of.size()),
-                       .height = 400,
+                       .width = 62.0 * static_cast<double>(of.size()),
+                       .height = 380,
                        .right = 320,
                        .bottom = 90};
   draft.size = grid.size();
@@ -675,7 +676,7 @@ std::vector<Draft> budget_drafts(const std::filesystem::path& folder, const Plan
                                           0.5 * (piece.from + piece.to));
         }
       draft.commands +=
-          fmt::format("set label '{:.4f} deg' at {},graph 0.97 center font 'sans,11' front\n",
+          fmt::format("set label '{:.4f}' at {},graph 0.97 center font 'sans,11' front\n",
                       panels[p][i].predicted_deg, i);
     }
     for (std::size_t c = 0; c < causes.size(); ++c) {

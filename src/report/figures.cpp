@@ -15,8 +15,6 @@
 namespace turntable {
 namespace {
 
-constexpr double kPanelPx = 400.0, kScalePx = 110.0;  ///< of panels with one colour scale
-
 void trajectory_figure(const std::filesystem::path& folder, const RunRecord& record,
                        std::size_t scenario, int repeat, std::vector<Draft>& drafts) {
   const ScenarioInfo& info = record.plan.scenarios[scenario];
@@ -37,7 +35,7 @@ void trajectory_figure(const std::filesystem::path& folder, const RunRecord& rec
       "Motion of the turntable, {}, first repeat: its angles as read back, pose by pose{} (as "
       "figure 13).",
       info.title, info.axes.size() > 1 ? ", and the path through them" : "");
-  if (info.axes.size() > 1) draft.size = "1200,560";
+  draft.size = info.axes.size() > 1 ? "1000,480" : "1000,380";
   draft.commands =
       "set multiplot\n" + trajectory_commands(info.axes, "every ::1", {}) + "unset multiplot\n";
   csv.write(folder / (draft.figure.name + ".csv"));
@@ -98,7 +96,7 @@ void uniaxial_errors(Draft& draft, const PosePoints& points, const Evaluation& e
       "Errors in pitch, roll and yaw against the {} angle, {}, every repeat, on one scale. The "
       "solvers' marks are set side by side at each angle (as figure 14).",
       axis_name(axis), info.title);
-  draft.size = "1000,780";
+  draft.size = "1000,600";
   double low = INFINITY, high = -INFINITY;
   std::vector<double> largest;
   for (std::size_t k = 0; k < count; ++k) {
@@ -148,24 +146,42 @@ void uniaxial_errors(Draft& draft, const PosePoints& points, const Evaluation& e
   draft.commands += "unset multiplot\n";
 }
 
-/// Frame of panels beside and below each other with one colour scale at the right. @return commands.
-std::string panels_with_scale(Draft& draft, std::size_t columns, std::size_t rows, double panel_px,
-                              double scale_deg, const char* label) {
-  const double width = panel_px * static_cast<double>(columns) + kScalePx;
-  draft.size = fmt::format("{:.0f},{:.0f}", width, panel_px * static_cast<double>(rows));
-  return fmt::format(
-      "set multiplot\nset key off\n{}set cblabel '{}'\nset cbrange [0:{:.6g}]\n"
-      "set colorbox user origin {:.4f},0.2 size {:.4f},0.6\n",
-      kHeat, label, scale_deg > 0.0 ? scale_deg : 1.0, 1.0 - 0.85 * kScalePx / width, 20.0 / width);
-}
+/// Panels beside and below each other with one colour scale at the right; px.
+struct PanelsWithScale {
+  std::size_t columns, rows;
+  double width, height;  ///< of a panel
+  static constexpr double kScale = 120.0;
 
-/// Places the panel `k` of them.
-std::string panel_place(std::size_t k, std::size_t columns, std::size_t rows, double panel_px) {
-  const double width = panel_px * static_cast<double>(columns) + kScalePx, w = panel_px / width,
-               h = 1.0 / static_cast<double>(rows);
-  return fmt::format("set origin {:.5f},{:.5f}\nset size {:.5f},{:.5f}\n",
-                     static_cast<double>(k % columns) * w,
-                     1.0 - static_cast<double>(k / columns + 1) * h, w, h);
+  double whole_width() const { return width * static_cast<double>(columns) + kScale; }
+  std::string size() const {
+    return fmt::format("{:.0f},{:.0f}", whole_width(), height * static_cast<double>(rows));
+  }
+  std::string multiplot(double scale_deg, const char* label) const {
+    return fmt::format(
+        "set multiplot\nset key off\n{}set cblabel '{}'\nset cbrange [0:{:.6g}]\n"
+        "set colorbox user origin {:.4f},0.2 size {:.4f},0.6\n",
+        kHeat, label, scale_deg > 0.0 ? scale_deg : 1.0, 1.0 - 0.85 * kScale / whole_width(),
+        20.0 / whole_width());
+  }
+  /// Commands before the plot of the panel `k` of them.
+  std::string place(std::size_t k) const {
+    const double w = width / whole_width(), h = 1.0 / static_cast<double>(rows);
+    return fmt::format("set origin {:.5f},{:.5f}\nset size {:.5f},{:.5f}\n",
+                       static_cast<double>(k % columns) * w,
+                       1.0 - static_cast<double>(k / columns + 1) * h, w, h);
+  }
+};
+
+/// "-20, 0, 20": the ends of where an axis was sent to, and what is nearest to their middle. In three
+/// dimensions gnuplot does not look whether its numbers overlap.
+std::string ends_and_middle(const std::set<double>& targets) {
+  const double middle = 0.5 * (*targets.begin() + *targets.rbegin());
+  const double nearest =
+      *std::ranges::min_element(targets, {}, [&](double t) { return std::abs(t - middle); });
+  std::string tics;
+  for (const double at : std::set{*targets.begin(), nearest, *targets.rbegin()})
+    tics += fmt::format("{}{:g}", tics.empty() ? "" : ", ", at);
+  return tics;
 }
 
 /// Errors where several axes turn: a panel per solver, one colour scale for all.
@@ -182,20 +198,24 @@ void multiaxial_errors(Draft& draft, const PosePoints& points, const Evaluation&
       "paper's comparison first, one scale for all; the scale ends where 99 % of the solvers' "
       "errors do{} (as figure 15).",
       info.title, flat && info.repeats > 1 ? "; repeats are set side by side" : "");
-  draft.commands = panels_with_scale(draft, columns, rows, kPanelPx,
-                                     common_error_deg(evaluation, scenario), "error / deg");
+  const PanelsWithScale panels{columns, rows, 310.0, 260.0};
+  draft.size = panels.size();
+  draft.commands = panels.multiplot(common_error_deg(evaluation, scenario), "error / deg");
   if (flat)
     draft.commands += fmt::format(
         "set xlabel '{} / deg'\nset ylabel '{} / deg'\n"
         "set autoscale fix\nset offsets graph 0.07, graph 0.07, graph 0.07, graph 0.07\n",
         axis_name(info.axes[1]), axis_name(info.axes[0]));
   else
-    draft.commands +=
-        "set xlabel 'pitch / deg'\nset ylabel 'roll / deg'\nset zlabel 'yaw / deg' rotate\n"
-        "set xyplane 0.05\nset view 65,35\nset tics font ',9'\n";
+    draft.commands += fmt::format(
+        "set xlabel 'pitch / deg' offset 3,0.5\nset ylabel 'roll / deg' offset -5.5,0.5\n"
+        "set zlabel 'yaw / deg' rotate offset 0.5\nset title offset 0,0.5\nset xtics ({})\n"
+        "set ytics ({})\nset xyplane 0.05\nset view 65,35,1.2\nset lmargin 8\nset rmargin 0\n",
+        ends_and_middle(targets_of(evaluation, scenario, AxisId::kPitch)),
+        ends_and_middle(targets_of(evaluation, scenario, AxisId::kRoll)));
   for (std::size_t k = 0; k < count; ++k) {
     const Solver& solver = *solvers[k];
-    draft.commands += panel_place(k, columns, rows, kPanelPx);
+    draft.commands += panels.place(k);
     draft.commands += fmt::format("set title '{}'\n", solver.name);
     if (flat)
       points.draw(draft, solver,
@@ -304,13 +324,13 @@ void separation_figure(const std::filesystem::path& folder, const RunRecord& rec
       info.title);
   std::vector<double> ends;
   for (const auto& [k, end] : largest) ends.push_back(end);
-  const std::size_t panel_rows = maps.size() / kPlanes.size();
-  draft.commands = panels_with_scale(draft, kPlanes.size(), panel_rows, kMapPx, common_limit(ends),
-                                     "mean error / deg") +
+  const PanelsWithScale panels{kPlanes.size(), maps.size() / kPlanes.size(), kMapPx, kMapPx};
+  draft.size = panels.size();
+  draft.commands = panels.multiplot(common_limit(ends), "mean error / deg") +
                    "set style fill solid noborder\nunset grid\nset autoscale fix\n";
   for (std::size_t i = 0; i < maps.size(); ++i) {
     const Map& map = maps[i];
-    draft.commands += panel_place(i, kPlanes.size(), panel_rows, kMapPx);
+    draft.commands += panels.place(i);
     draft.commands += fmt::format(
         "set title '{}'\nset xlabel '{} / deg'\nset ylabel '{} / deg'\n"
         "plot 'DATA' every ::{}::{} using 3:4:({:.5g}):({:.5g}):5 with boxxyerror lc palette\n"
@@ -418,7 +438,7 @@ std::optional<Draft> spots_draft(const RunFolder& folder, const RunRecord& recor
       "serial number of the LED that it was matched with; above each the turntable's yaw, roll and "
       "pitch (as figure 12).",
       info.title);
-  draft.size = fmt::format("{},{}", 320 * columns, 340 * rows);
+  draft.size = fmt::format("{},{}", 250 * columns, 270 * rows);
   draft.commands = fmt::format(
       "set key off\nunset grid\nset size ratio -1\nset tics font ',10' out nomirror\n"
       "set xlabel 'u / px' offset 0,0.5\nset ylabel 'v / px' offset 1\n"

@@ -17,10 +17,10 @@ constexpr const char* kDetailFigure = "figure17_noise";
 constexpr const char* kCloudFigure = "figure18_noise";
 constexpr std::size_t kCloudPoses = 250;  ///< more hide each other
 
-/// Distance of the ticks of a scale from -`scale` to `scale`: one digit, two or three on either side.
+/// Distance of the ticks of a scale from -`scale` to `scale`: one digit, one on either side.
 std::string tick(double scale) {
-  const double third = scale / 3.0, unit = std::pow(10.0, std::floor(std::log10(third)));
-  return fmt::format("{:.6g}", std::ceil(third / unit) * unit);
+  const double unit = std::pow(10.0, std::floor(std::log10(scale)));
+  return fmt::format("{:.6g}", std::floor(scale / unit) * unit);
 }
 
 Rounded grey(double sigma) { return {sigma, sigma == std::floor(sigma) ? 0 : 3}; }
@@ -118,17 +118,14 @@ void cloud_figure(const std::filesystem::path& folder, const NoiseCampaign& camp
       every == 1 ? "the" : fmt::format("every {}th of the {}", every, measure),
       campaign.options.scenario);
   const std::size_t count = campaign.levels.size();
-  constexpr double kCloudPx = 260.0, kKeyPx = 200.0;
+  constexpr double kCloudPx = 200.0, kKeyPx = 190.0;
   const double width = kCloudPx * static_cast<double>(count) + kKeyPx;
   draft.size = fmt::format("{:.0f},{:.0f}", width, 2.0 * kCloudPx + 20.0);
   draft.commands = fmt::format(
-      "set multiplot\nset key off\nset size {0:.5f},0.5\nset lmargin 10\nset rmargin 1\nset "
-      "tmargin "
-      "2\n"
-      "set bmargin 4\nset tics font ',9'\nset xrange [{1}:{2}]\nset yrange "
-      "[{1}:{2}]\nset xtics {3}\nset ytics {3}\nedge(x) = x > {4} ? {4} : x < -{4} ? "
-      "-{4} "
-      ": x\n",
+      "set multiplot\nset key off\nset size {0:.5f},0.5\nset lmargin 8\nset rmargin 1\n"
+      "set tmargin 2\nset bmargin 4\nset tics font ',11'\nset xrange [{1}:{2}]\n"
+      "set yrange [{1}:{2}]\nset xtics {3}\nset ytics {3}\n"
+      "edge(x) = x > {4} ? {4} : x < -{4} ? -{4} : x\n",
       kCloudPx / width, fixed(-1.05 * scale, 6), fixed(1.05 * scale, 6), tick(scale),
       fixed(scale, 6));
   for (const auto& [row, name, column] :
@@ -136,9 +133,9 @@ void cloud_figure(const std::filesystem::path& folder, const NoiseCampaign& camp
     for (std::size_t level = 0; level < count; ++level) {
       draft.commands += fmt::format(
           "set origin {:.5f},{}\nset title 'sigma {:g}'\nset xlabel 'yaw error / deg'\n"
-          "set ylabel '{} error / deg'\n",
+          "set ylabel '{}'\n",
           static_cast<double>(level) * kCloudPx / width, row == 0 ? "0.5" : "0",
-          campaign.levels[level].sigma_grey, name);
+          campaign.levels[level].sigma_grey, level == 0 ? fmt::format("{} error / deg", name) : "");
       const bool with_key = row == 0 && level + 1 == count;
       if (with_key)
         draft.commands += fmt::format("set key at screen {:.5f},0.95 left top Left reverse\n",

@@ -283,8 +283,8 @@ std::string statistics_text(const std::vector<WrittenTable>& tables) {
        "repeatability, B reversal, by their definitions in the standard; the camera measures, so "
        "its own errors are in all of them."},
   }};
-  constexpr std::array<std::string_view, 6> kOwnSection{"table1",     "camera_solver", "levels",
-                                                        "identified", "budget",        "noise"};
+  constexpr std::array<std::string_view, 7> kOwnSection{
+      "table1", "camera_solver", "levels", "identified", "budget", "budget_found", "noise"};
   std::string published, beyond;
   for (const WrittenTable& t : tables) {
     const auto known =
