@@ -53,7 +53,8 @@ std::string without_tags(std::string_view html) {
   return text;
 }
 
-/// "Errors against the turntable" -> "errors-against-the-turntable".
+/// "Errors against the turntable" -> "errors-against-the-turntable"; of a long text its first words: a
+/// name in a PDF has 127 bytes at most.
 std::string slug(std::string_view text) {
   std::string out;
   for (const char c : text) {
@@ -64,6 +65,11 @@ std::string slug(std::string_view text) {
       out += static_cast<char>(c - 'A' + 'a');
     else if (!out.empty() && out.back() != '-')
       out += '-';
+  }
+  constexpr std::size_t kLongest = 80;
+  if (out.size() > kLongest) {
+    const std::size_t word = out.rfind('-', kLongest);
+    out.resize(word == std::string::npos ? kLongest : word);
   }
   while (!out.empty() && out.back() == '-') out.pop_back();
   return out;

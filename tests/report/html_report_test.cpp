@@ -103,6 +103,18 @@ TEST(MarkdownToHtml, HasHeadersIdsAndNoForeignMarkup) {
   EXPECT_THAT(html, AllOf(Not(HasSubstr("<script>")), Not(HasSubstr("<b>")), HasSubstr("<thead>")));
 }
 
+TEST(MarkdownToHtml, IdsOfLongHeadingsAreTheirFirstWords) {
+  std::string words, letters(90, 'x');
+  for (int i = 0; i < 30; ++i) words += "word ";
+  const std::string html =
+      markdown_to_html("## " + words + "one\n\n## " + words + "two\n\n## " + letters + "\n\n");
+  std::string sixteen = "word";
+  for (int i = 1; i < 16; ++i) sixteen += "-word";
+  EXPECT_THAT(html, AllOf(HasSubstr("<h2 id=\"" + sixteen + "\">"),
+                          HasSubstr("<h2 id=\"" + sixteen + "-2\">"),
+                          HasSubstr("<h2 id=\"" + letters.substr(0, 80) + "\">")));
+}
+
 TEST(WriteHtml, PutsFiguresWithOneCaptionIntoThePage) {
   TemporaryFolder folder;
   const Draft draft = two_solvers();

@@ -293,7 +293,8 @@ def check_handed_on(browser, file, temporary):
 
 def check_pdf(file):
     stem = os.path.join(PICTURES, "page")
-    subprocess.run(["pdftoppm", "-r", "50", "-gray", file, stem], check=True)
+    drawn = subprocess.run(["pdftoppm", "-r", "50", "-gray", file, stem], check=True, capture_output=True, text=True)
+    assert not drawn.stderr, f"pdftoppm has something against the PDF: {drawn.stderr}"
     pages = sorted(name for name in os.listdir(PICTURES) if name.startswith("page") and name.endswith(".pgm"))
     assert len(pages) > 5, f"the PDF has {len(pages)} pages"
     for name in pages:
