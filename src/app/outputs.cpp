@@ -95,7 +95,6 @@ void remove_noise(const RunFolder& folder) {
   std::error_code ignored;
   fs::remove(folder.noise_spots(), ignored);
   fs::remove(folder.noise_poses(), ignored);
-  remove_noise_report(folder);
 }
 
 void write_evaluation_record(const EvaluationRecord& record, const fs::path& file) {

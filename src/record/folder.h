@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <initializer_list>
 #include <string_view>
 
 namespace turntable {
@@ -15,6 +16,10 @@ void make_folder(const std::filesystem::path& folder);
 /// @throws ConfigError if a file lies in the way, or nothing can be written there.
 void require_writable(const std::filesystem::path& folder, std::string_view what,
                       std::string_view option);
+
+/// Removes <folder>/<stem><ending> of every ending, as far as they are there.
+void remove_files(const std::filesystem::path& folder, std::string_view stem,
+                  std::initializer_list<std::string_view> endings);
 
 /// A temporary folder, gone with this object and all that is in it.
 class Scratch {

@@ -223,13 +223,4 @@ std::string noise_text(const std::vector<WrittenTable>& written, const RunRecord
       table.title, table.markdown);
 }
 
-void remove_noise_report(const RunFolder& folder) {
-  std::error_code ignored;
-  for (const char* end : {".csv", ".md", ".tex"})
-    std::filesystem::remove(folder.tables() / (std::string("noise") + end), ignored);
-  for (const char* figure : {kDetailFigure, kCloudFigure})
-    for (const char* end : {".csv", ".gp", ".svg"})
-      std::filesystem::remove(folder.figures() / (std::string(figure) + end), ignored);
-}
-
 }  // namespace turntable

@@ -24,7 +24,4 @@ std::vector<Draft> noise_drafts(const std::filesystem::path& folder, const Noise
 std::string noise_text(const std::vector<WrittenTable>& written, const RunRecord& record,
                        const NoiseCampaign& campaign);
 
-/// Removes table and figures of an earlier campaign.
-void remove_noise_report(const RunFolder& folder);
-
 }  // namespace turntable

@@ -300,6 +300,20 @@ std::string statistics_text(const std::vector<WrittenTable>& tables) {
          beyond;
 }
 
+/// An earlier evaluation may have had more: other solvers, or noise.
+void remove_earlier_figures(const RunFolder& folder, const Plan& plan,
+                            const std::vector<Figure>& figures) {
+  std::vector<std::string> names{"error_angle",    "error_normal",  "error_bound",
+                                 "error_budget",   "error_drift",   "error_repeatability",
+                                 "figure17_noise", "figure18_noise"};
+  for (const ScenarioInfo& scenario : plan.scenarios)
+    for (const char* number : {"figure14_", "figure15_", "figure16_"})
+      names.push_back(number + scenario.name);
+  for (const std::string& name : names)
+    if (std::ranges::find(figures, name, &Figure::name) == figures.end())
+      remove_files(folder.figures(), name, {".csv", "_median.csv", ".gp", ".svg"});
+}
+
 /// What a row of the table of cameras and solvers counts, and where else its measurements appear.
 std::string counted_poses(const std::vector<CameraComparison>& comparisons) {
   std::string md = "A row counts";
@@ -360,6 +374,7 @@ std::filesystem::path write_report(const RunFolder& folder, const Results& resul
   const std::size_t of_paper = drafts.size();
   std::ranges::move(beyond, std::back_inserter(drafts));
   const std::vector<Figure> figures = draw(folder.figures(), drafts);
+  remove_earlier_figures(folder, record.plan, figures);
 
   std::string md =
       fmt::format("# {}\n\n", record.plan.title.empty() ? record.plan.name : record.plan.title);

@@ -343,6 +343,14 @@ std::vector<WrittenTable> write_tables(const RunFolder& folder, const Results& r
   for (WrittenTable& table : write_budget_tables(folder, plan, results.budgets))
     written.push_back(std::move(table));
   if (results.noise) written.push_back(write_noise_table(folder, *results.noise));
+  // An earlier evaluation may have had more: other solvers, or noise.
+  for (const std::string_view name :
+       {"camera_solver", "statistics", "paired", "repeatability", "iso230", "levels", "identified",
+        "budget", "budget_found", "noise"})
+    if (find_table(written, name) == nullptr)
+      remove_files(folder.tables(), name, {".csv", ".md", ".tex"});
+  if (find_table(written, "identified") == nullptr)
+    remove_files(folder.tables(), "identified_correlation", {".csv"});
   return written;
 }
 

@@ -225,6 +225,14 @@ TEST(SingleScenario, CalibratesFirstAndReportsTheChosenSolversOnly) {
   const std::string table = slurp(folder / "run/tables/table5.csv");
   ASSERT_EQ(turntable_program("report " + (folder / "run").string()).code, 0);
   EXPECT_EQ(slurp(folder / "run/tables/table5.csv"), table);  // the same solvers
+
+  // One solver has none to be compared with, and nothing stays of two.
+  EXPECT_TRUE(fs::exists(folder / "run/tables/paired.csv"));
+  ASSERT_EQ(turntable_program("evaluate --solver ml_ray " + (folder / "run").string()).code, 0);
+  for (const char* file : {"paired.csv", "paired.md", "paired.tex"})
+    EXPECT_FALSE(fs::exists(folder / "run/tables" / file)) << file;
+  const Outcome verified = turntable_program("verify " + (folder / "run").string());
+  EXPECT_EQ(verified.code, 0) << verified.output;
 }
 
 TEST(CameraThatLosesSight, FailsPosesWithoutDroppingThem) {
