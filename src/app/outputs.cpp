@@ -17,7 +17,6 @@
 #include "src/record/atomic_file.h"
 #include "src/record/sha256.h"
 #include "src/report/html_report.h"
-#include "src/report/noise_report.h"
 #include "src/report/pdf.h"
 #include "src/report/report.h"
 

@@ -17,7 +17,8 @@ void make_folder(const std::filesystem::path& folder);
 void require_writable(const std::filesystem::path& folder, std::string_view what,
                       std::string_view option);
 
-/// Removes <folder>/<stem><ending> of every ending, as far as they are there.
+/// Removes <folder>/<stem><ending> of every ending, as far as that goes: what is not there, or cannot be
+/// removed, stays.
 void remove_files(const std::filesystem::path& folder, std::string_view stem,
                   std::initializer_list<std::string_view> endings);
 

@@ -74,15 +74,15 @@ using Budgets = std::vector<const ErrorBudget*>;
 Table shown_table(const Plan& plan, const Budgets& budgets, bool as_found) {
   Table table{as_found ? "budget_found" : "budget",
               fmt::format("Error budget of {}, {}: contributions to the total RMSE, deg",
-                          as_found ? "this rig as found" : "a rig as drawn",
+                          as_found ? "this rig as found" : "a rig built to its drawings",
                           plan.scenarios[budgets.front()->scenario].title),
-              {{"line", "cause"}},
+              {{"scenario", ""}, {"line", "cause"}},
               {}};
   for (const ErrorBudget* b : budgets)
     table.columns.push_back({fmt::format("{}_deg", b->solver->name), std::string(b->solver->name)});
   if (!as_found) table.columns.push_back({"amount", "amount and source (standard uncertainty)"});
   const auto row = [&](std::string line, const std::string& amount, auto&& of_budget) {
-    std::vector<Cell> cells{std::move(line)};
+    std::vector<Cell> cells{plan.scenarios[budgets.front()->scenario].name, std::move(line)};
     for (const ErrorBudget* b : budgets) cells.emplace_back(of_budget(*b));
     if (!as_found) cells.emplace_back(amount);
     table.rows.push_back(std::move(cells));

@@ -161,7 +161,7 @@ std::vector<Draft> angle_drafts(const std::filesystem::path& folder, const Plan&
       "a panel per solver on one scale, with its running median as a line; in the last panel all "
       "of the medians.",
       plan.scenarios[*scenario].title);
-  PanelGrid grid{.width = 260, .height = 200, .right = 20, .below = 105};
+  PanelGrid grid{.below = 105};
   draft.size = grid.of(curves.size() + 1).size();
   draft.commands = fmt::format(
       "set key off\nset logscale y\nset yrange [{:.4g}:{:.4g}]\nset xrange [{:.4g}:{:.4g}]\n"
@@ -183,7 +183,7 @@ std::vector<Draft> angle_drafts(const std::filesystem::path& folder, const Plan&
     draft.end_plot();
   }
   draft.commands += fmt::format(
-      "set title 'running medians'\nset ylabel '{}'\nset key inside bottom right samplen 2\n",
+      "set title 'running medians'\nset ylabel '{}'\nset key at screen 0.995,0.95 samplen 2\n",
       grid.leftmost(panel) ? "error / deg" : "");
   for (const Curve& curve : curves)
     median(curve, solver_line(*evaluation.solvers[curve.solver], curve.solver));
@@ -288,12 +288,15 @@ std::vector<Draft> bound_drafts(const std::filesystem::path& folder, const Plan&
       "dark), and what the noise of the spots alone leaves to any unbiased solver (line; dashed "
       "with the turntable's repeatability): what is between the last bar and the line is left to "
       "gain.";
-  PanelGrid grid{.height = 160, .bottom = 90, .below = 110};
-  draft.size = grid.of(judged.bounds.size()).size();
   std::map<const Solver*, double> of_solver;
   for (const LevelRow& r : judged.rows)
     if (std::isfinite(r.statistics.rmse_total_deg))
       of_solver[r.solver] = std::max(of_solver[r.solver], r.statistics.rmse_total_deg);
+  PanelGrid grid{.width = std::max(225.0, 30.0 * static_cast<double>(of_solver.size())),  // names
+                 .height = 160,
+                 .bottom = 90,
+                 .below = 110};
+  draft.size = grid.of(judged.bounds.size()).size();
   std::vector<double> ends;
   for (const auto& [solver, end] : of_solver) ends.push_back(end);
   double largest = common_limit(ends);
@@ -399,8 +402,9 @@ std::vector<Draft> repeatability_drafts(const std::filesystem::path& folder, con
       if (found == of.end()) continue;
       const FileRows rows{row + 1, row + kToldAxes.size()};
       row = rows.last;
-      const double aside = 0.12 * (static_cast<double>(k) -
-                                   0.5 * static_cast<double>(evaluation.solvers.size() - 1));
+      const auto solvers = static_cast<double>(evaluation.solvers.size());
+      const double aside =
+          std::min(0.12, 0.9 / solvers) * (static_cast<double>(k) - 0.5 * (solvers - 1.0));
       for (std::size_t a = 0; a < kToldAxes.size(); ++a) {
         csv.text(plan.scenarios[scenario].name).text(solver.name).text(axis_name(kToldAxes[a]));
         csv.number(static_cast<double>(a) + aside, 3)

@@ -150,9 +150,9 @@ void uniaxial_errors(Draft& draft, const PosePoints& points, const Evaluation& e
 struct PanelsWithScale {
   std::size_t columns, rows;
   double width, height;  ///< of a panel
-  static constexpr double kScale = 120.0;
+  static constexpr double kScaleWidth = 120.0;
 
-  double whole_width() const { return width * static_cast<double>(columns) + kScale; }
+  double whole_width() const { return width * static_cast<double>(columns) + kScaleWidth; }
   std::string size() const {
     return fmt::format("{:.0f},{:.0f}", whole_width(), height * static_cast<double>(rows));
   }
@@ -160,7 +160,7 @@ struct PanelsWithScale {
     return fmt::format(
         "set multiplot\nset key off\n{}set cblabel '{}'\nset cbrange [0:{:.6g}]\n"
         "set colorbox user origin {:.4f},0.2 size {:.4f},0.6\n",
-        kHeat, label, scale_deg > 0.0 ? scale_deg : 1.0, 1.0 - 0.85 * kScale / whole_width(),
+        kHeat, label, scale_deg > 0.0 ? scale_deg : 1.0, 1.0 - 0.85 * kScaleWidth / whole_width(),
         20.0 / whole_width());
   }
   /// Commands before the plot of the panel `k` of them.
@@ -171,6 +171,23 @@ struct PanelsWithScale {
                        1.0 - static_cast<double>(k / columns + 1) * h, w, h);
   }
 };
+
+/// "[-20.6:20.6]": where an axis stood in all poses of a scenario, with some room. A solver that lacks the
+/// outer ones has the same frame.
+std::string frame_of(const Evaluation& evaluation, std::size_t scenario, AxisId axis) {
+  double low = INFINITY, high = -INFINITY;
+  for (const EvaluatedPose& pose : evaluation.poses)
+    if (pose.planned.scenario == scenario && pose.planned.role == PoseRole::kMeasure) {
+      const GimbalAngles& at = pose.read_back_deg;
+      const double angle = axis == AxisId::kYaw    ? at.yaw
+                           : axis == AxisId::kRoll ? at.roll
+                                                   : at.pitch;
+      low = std::min(low, angle);
+      high = std::max(high, angle);
+    }
+  const double room = std::max(0.5, 0.015 * (high - low));
+  return fmt::format("[{:.6g}:{:.6g}]", low - room, high + room);
+}
 
 /// "-20, 0, 20": the ends of where an axis was sent to, and what is nearest to their middle. In three
 /// dimensions gnuplot does not look whether its numbers overlap.
@@ -210,9 +227,13 @@ void multiaxial_errors(Draft& draft, const PosePoints& points, const Evaluation&
     draft.commands += fmt::format(
         "set xlabel 'pitch / deg' offset 3,0.5\nset ylabel 'roll / deg' offset -5.5,0.5\n"
         "set zlabel 'yaw / deg' rotate offset 0.5\nset title offset 0,0.5\nset xtics ({})\n"
-        "set ytics ({})\nset xyplane 0.05\nset view 65,35,1.2\nset lmargin 8\nset rmargin 0\n",
+        "set ytics ({})\nset xrange {}\nset yrange {}\nset zrange {}\nset xyplane 0.05\n"
+        "set view 65,35,1.2\nset lmargin 8\nset rmargin 0\n",
         ends_and_middle(targets_of(evaluation, scenario, AxisId::kPitch)),
-        ends_and_middle(targets_of(evaluation, scenario, AxisId::kRoll)));
+        ends_and_middle(targets_of(evaluation, scenario, AxisId::kRoll)),
+        frame_of(evaluation, scenario, AxisId::kPitch),
+        frame_of(evaluation, scenario, AxisId::kRoll),
+        frame_of(evaluation, scenario, AxisId::kYaw));
   for (std::size_t k = 0; k < count; ++k) {
     const Solver& solver = *solvers[k];
     draft.commands += panels.place(k);

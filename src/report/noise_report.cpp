@@ -17,7 +17,7 @@ constexpr const char* kDetailFigure = "figure17_noise";
 constexpr const char* kCloudFigure = "figure18_noise";
 constexpr std::size_t kCloudPoses = 250;  ///< more hide each other
 
-/// Distance of the ticks of a scale from -`scale` to `scale`: one digit, one on either side.
+/// Distance of the ticks of a scale from -`scale` to `scale`: one digit, one or two on either side.
 std::string tick(double scale) {
   const double unit = std::pow(10.0, std::floor(std::log10(scale)));
   return fmt::format("{:.6g}", std::floor(scale / unit) * unit);

@@ -300,7 +300,8 @@ std::string statistics_text(const std::vector<WrittenTable>& tables) {
          beyond;
 }
 
-/// An earlier evaluation may have had more: other solvers, or noise.
+/// An earlier evaluation may have had more: other solvers, or noise. Those of the camera stay: a report
+/// cannot make them again once the pattern's images are gone.
 void remove_earlier_figures(const RunFolder& folder, const Plan& plan,
                             const std::vector<Figure>& figures) {
   std::vector<std::string> names{"error_angle",    "error_normal",  "error_bound",
@@ -311,7 +312,9 @@ void remove_earlier_figures(const RunFolder& folder, const Plan& plan,
       names.push_back(number + scenario.name);
   for (const std::string& name : names)
     if (std::ranges::find(figures, name, &Figure::name) == figures.end())
-      remove_files(folder.figures(), name, {".csv", "_median.csv", ".gp", ".svg"});
+      remove_files(folder.figures(), name, {".csv", ".gp", ".svg"});
+  if (std::ranges::find(figures, "error_angle", &Figure::name) == figures.end())
+    remove_files(folder.figures(), "error_angle_median", {".csv"});
 }
 
 /// What a row of the table of cameras and solvers counts, and where else its measurements appear.

@@ -88,16 +88,17 @@ WrittenTable write_table1(const RunFolder& folder, const Calibration& calibratio
   return {"table1", title, md};
 }
 
+/// Tables beside table1 and those of errors. An evaluation may lack some of them.
+constexpr std::array<std::string_view, 11> kNotOfErrors{
+    "camera_solver", "statistics",   "paired",     "repeatability",
+    "iso230",        "levels",       "identified", "identified_correlation",
+    "budget",        "budget_found", "noise"};
+
 /// A scenario may be called what it likes; "table3" or "statistics" without being it must not look like
 /// it.
 std::string own_table_name(const std::string& scenario) {
-  constexpr std::array<std::string_view, 10> kTaken{
-      "statistics", "repeatability", "paired",
-      "iso230",     "camera_solver", "levels",
-      "budget",     "identified",    "identified_correlation",
-      "noise"};
   const bool taken = scenario.starts_with("table") || scenario.starts_with("scenario_") ||
-                     std::ranges::find(kTaken, scenario) != kTaken.end();
+                     std::ranges::find(kNotOfErrors, scenario) != kNotOfErrors.end();
   return taken ? "scenario_" + scenario : scenario;
 }
 
@@ -344,13 +345,9 @@ std::vector<WrittenTable> write_tables(const RunFolder& folder, const Results& r
     written.push_back(std::move(table));
   if (results.noise) written.push_back(write_noise_table(folder, *results.noise));
   // An earlier evaluation may have had more: other solvers, or noise.
-  for (const std::string_view name :
-       {"camera_solver", "statistics", "paired", "repeatability", "iso230", "levels", "identified",
-        "budget", "budget_found", "noise"})
-    if (find_table(written, name) == nullptr)
+  for (const std::string_view name : kNotOfErrors)
+    if (find_table(written, name == "identified_correlation" ? "identified" : name) == nullptr)
       remove_files(folder.tables(), name, {".csv", ".md", ".tex"});
-  if (find_table(written, "identified") == nullptr)
-    remove_files(folder.tables(), "identified_correlation", {".csv"});
   return written;
 }
 

@@ -13,8 +13,8 @@ namespace turntable {
 /// scenarios for them, and one more per scenario that belongs to none (repeats of several scenarios in
 /// one table are numbered on); camera_solver, what the camera model gains and what the solver gains,
 /// if there is a pose to tell by; statistics, repeatability, paired (at every level of truth that the
-/// run has) and iso230; those of `level_tables`, `budget_tables` and `noise_report`. Removes those of them that
-/// this evaluation does not have. @throws RecordError.
+/// run has) and iso230; those of `level_tables`, `budget_tables` and `noise_report`. Removes those from
+/// camera_solver on that an earlier evaluation had and this one does not. @throws RecordError.
 std::vector<WrittenTable> write_tables(const RunFolder& folder, const Results& results);
 
 }  // namespace turntable

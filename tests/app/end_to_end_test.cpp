@@ -228,9 +228,16 @@ TEST(SingleScenario, CalibratesFirstAndReportsTheChosenSolversOnly) {
 
   // One solver has none to be compared with, and nothing stays of two.
   EXPECT_TRUE(fs::exists(folder / "run/tables/paired.csv"));
+  const fs::path figures = folder / "run/figures";
+  for (const char* file : {"figure18_noise.csv", "figure18_noise.gp", "mine.gp"})
+    spill(figures / file, "of an earlier one");
   ASSERT_EQ(turntable_program("evaluate --solver ml_ray " + (folder / "run").string()).code, 0);
   for (const char* file : {"paired.csv", "paired.md", "paired.tex"})
     EXPECT_FALSE(fs::exists(folder / "run/tables" / file)) << file;
+  EXPECT_FALSE(fs::exists(figures / "figure18_noise.csv"));
+  EXPECT_FALSE(fs::exists(figures / "figure18_noise.gp"));
+  for (const char* file : {"mine.gp", "error_angle.csv", "error_angle_median.csv"})
+    EXPECT_TRUE(fs::exists(figures / file)) << file;
   const Outcome verified = turntable_program("verify " + (folder / "run").string());
   EXPECT_EQ(verified.code, 0) << verified.output;
 }
