@@ -45,11 +45,11 @@ void require_writable(const fs::path& folder, std::string_view what, std::string
   }
 }
 
-void remove_files(const std::filesystem::path& folder, std::string_view stem,
+void remove_files(const fs::path& folder, std::string_view stem,
                   std::initializer_list<std::string_view> endings) {
   std::error_code ignored;
   for (const std::string_view ending : endings)
-    std::filesystem::remove(folder / (std::string(stem) += ending), ignored);
+    fs::remove(folder / (std::string(stem) += ending), ignored);
 }
 
 Scratch::Scratch(std::string_view name, std::string_view otherwise) {

@@ -212,11 +212,9 @@ std::filesystem::path write_calibration_report(const fs::path& folder, const Cal
   make_folder(folder / "figures");
   make_folder(folder / "tables");
   // Those of an earlier calibration in the same folder that this one may not have.
-  std::error_code ignored;
-  for (const char* table : {"orders.csv", "models.csv"})
-    fs::remove(folder / "tables" / table, ignored);
+  for (const char* table : {"orders", "models"}) remove_files(folder / "tables", table, {".csv"});
   for (const CentralKind kind : kCentralKinds)
-    fs::remove(folder / "opencv" / fmt::format("{}.yml", central_name(kind)), ignored);
+    remove_files(folder / "opencv", central_name(kind), {".yml"});
   write_atomically(folder / "calibration.json", calibration_to_json(c));
   // v counted upward, as in the published table.
   const MonomialTable ours{"ours", c.irt.order(), c.irt.monomials(VDirection::kUp)};

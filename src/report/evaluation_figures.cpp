@@ -9,6 +9,7 @@
 #include <numbers>
 
 #include "src/core/units.h"
+#include "src/evaluation/clustered_bootstrap.h"
 #include "src/evaluation/scenario_statistics.h"
 #include "src/report/figures.h"
 
@@ -60,10 +61,6 @@ void visit_measured(const Evaluation& evaluation, std::size_t scenario, std::siz
     if (pose.planned.scenario == scenario && pose.planned.role == PoseRole::kMeasure &&
         pose.results.size() > solver && pose.results[solver].measured)
       visit(pose, pose.results[solver].error);
-}
-
-double axis_error_deg(const PoseError& e, AxisId axis) {
-  return axis == AxisId::kPitch ? e.pitch_deg : axis == AxisId::kRoll ? e.roll_deg : e.yaw_deg;
 }
 
 /// Quantile of the standard normal distribution, by bisection: a figure needs a few dozen.
@@ -213,7 +210,7 @@ std::vector<Draft> normality_drafts(const std::filesystem::path& folder, const P
     for (std::size_t k = 0; k < evaluation.solvers.size(); ++k) {
       std::vector<double> errors;
       visit_measured(evaluation, *scenario, k, [&](const EvaluatedPose&, const PoseError& e) {
-        errors.push_back(axis_error_deg(e, axis));
+        errors.push_back(error_of(e, axis));
       });
       const double middle = mean(errors), spread = standard_deviation(errors);
       if (errors.size() < kFewest || !(spread > 0.0)) continue;

@@ -178,12 +178,8 @@ std::string frame_of(const Evaluation& evaluation, std::size_t scenario, AxisId 
   double low = INFINITY, high = -INFINITY;
   for (const EvaluatedPose& pose : evaluation.poses)
     if (pose.planned.scenario == scenario && pose.planned.role == PoseRole::kMeasure) {
-      const GimbalAngles& at = pose.read_back_deg;
-      const double angle = axis == AxisId::kYaw    ? at.yaw
-                           : axis == AxisId::kRoll ? at.roll
-                                                   : at.pitch;
-      low = std::min(low, angle);
-      high = std::max(high, angle);
+      low = std::min(low, pose.read_back_deg[axis]);
+      high = std::max(high, pose.read_back_deg[axis]);
     }
   const double room = std::max(0.5, 0.015 * (high - low));
   return fmt::format("[{:.6g}:{:.6g}]", low - room, high + room);
