@@ -96,6 +96,8 @@ Json run_provenance(const RigFile& rig, const Plan& plan, const std::string& com
                     const std::filesystem::path& calibration) {
   Json p = program_provenance();
   p["command"] = command;
+  std::error_code removed;  // the folder may be gone: then none is said
+  p["folder"] = std::filesystem::current_path(removed).string();
   p["simulated"] = rig.simulated();
   if (rig.simulated()) p["seed"] = rig.simulation->seed;
   const auto file = [](const FrozenText& frozen) {

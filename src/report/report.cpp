@@ -19,6 +19,7 @@
 #include "src/report/level_tables.h"
 #include "src/report/noise_report.h"
 #include "src/report/pose_data.h"
+#include "src/report/provenance_report.h"
 #include "src/report/published.h"
 #include "src/report/tables.h"
 #include "src/report/time_report.h"
@@ -249,19 +250,6 @@ std::string sessions_text(const RunRecord& record) {
   return md + "\n";
 }
 
-std::string provenance_text(const RunRecord& record) {
-  if (record.start_document.empty()) return "The journal has no start document.\n";
-  const auto start = nlohmann::json::parse(record.start_document);
-  std::string md;
-  for (const auto& [key, value] : start.items())
-    if (value.is_string() || value.is_number() || value.is_boolean())
-      md += fmt::format("- {}: {}\n", key,
-                        value.is_string() ? value.get<std::string>() : value.dump());
-    else if (key == "provenance" || key == "software" || key == "devices")
-      md += fmt::format("- {}: `{}`\n", key, value.dump());
-  return md;
-}
-
 /// Tables in the published form; then what goes beyond it.
 std::string statistics_text(const std::vector<WrittenTable>& tables) {
   constexpr std::array<std::pair<std::string_view, std::string_view>, 4> kBeyond{{
@@ -439,10 +427,8 @@ std::filesystem::path write_report(const RunFolder& folder, const Results& resul
   md += "### Beyond the paper\n\n" + figures_markdown({behind, figures.end()});
   if (rig.simulation && rig.simulated())
     md += "## Simulated error budget\n\n" + simulation_budget(rig) + "\n";
-  md += time_text(record) + telemetry_text(record) + sessions_text(record);
-  md += "## Provenance\n\n" + provenance_text(record);
-  for (const ClockStep& step : record.clock_steps)
-    md += fmt::format("- times of day are not of one clock: journal {}\n", clock_step_text(step));
+  md +=
+      time_text(record) + telemetry_text(record) + sessions_text(record) + provenance_text(record);
   write_atomically(folder.report(), md);
   if (printer != nullptr) printer->load(page_for_paper(folder.report()));
   const Json poses = pose_data(folder, record, evaluation);
