@@ -63,6 +63,9 @@ std::string run_table(const RunRecord& record, const Json& start, const Json& p)
       md += row("program" + which, program_text(of_session));
     if (s == 0 || of_session.value("host", "") != p.value("host", ""))
       md += row("computer" + which, verbatim(of_session.value("host", "")));
+    for (const std::string& change :
+         of_session.value("accepted_changes", std::vector<std::string>{}))
+      md += row("accepted change" + which, verbatim(change));
   }
   md += row("libraries", libraries_text(p));
   if (start.value("simulated", false))
