@@ -108,7 +108,7 @@ int calibrate_command(const CalibrateArguments& a) {
     write_to(fs::path("results") / "calibrations" /
              fs::weakly_canonical(folder.root(), error).filename());
     const RunRecord record = read_run(folder);
-    const RigFile rig = parse_rig_file(record.plan.rig.text, record.plan.rig.file, folder.root());
+    const RigFile rig = rig_of(record);
     set = sweep_set(record, folder, rig, progress);
   } else if (is_opencv_file(a.source)) {
     refuse_rig();

@@ -347,20 +347,20 @@ int take_and_finish(const Taking& taking, const EvaluateOptions& options,
 }
 
 /// Files of the plan that have changed since it was frozen.
-std::vector<std::string> changed_files(const Plan& plan) {
+std::vector<std::string> changed_files(const RunState& run) {
   std::vector<std::string> changes;
   const auto look = [&](const FrozenText& frozen) {
     std::string now;
     try {
-      now = read_text(frozen.file);
+      now = read_text(source_file(run, frozen.file));
     } catch (const ConfigError&) {
       return;  // a run may be taken to another computer: its own copy is what counts
     }
     if (now != frozen.text)
       changes.push_back(fmt::format("{}: has changed since the run began", frozen.file));
   };
-  look(plan.rig);
-  for (const FrozenText& source : plan.sources) look(source);
+  look(run.plan.rig);
+  for (const FrozenText& source : run.plan.sources) look(source);
   return changes;
 }
 
@@ -471,7 +471,7 @@ int resume_command(const ResumeArguments& a) {
     before.line_of_pose.assign(before.plan.poses.size(), 0);
   }
   const Plan& plan = before.plan;
-  const RigFile rig_file = parse_rig_file(plan.rig.text, plan.rig.file, folder.root());
+  const RigFile rig_file = rig_of(before);
   if (a.solvers.empty() && fs::exists(folder.journal()))
     options.solvers = read_evaluation_record(folder, plan).solvers;
   const nlohmann::json start = before.start_document.empty()
@@ -481,7 +481,7 @@ int resume_command(const ResumeArguments& a) {
   const std::string calibration_sha256 =
       start.value("/provenance/calibration_sha256"_json_pointer, "");
   std::optional<Calibration> loaded;
-  std::vector<std::string> changes = changed_files(plan);
+  std::vector<std::string> changes = changed_files(before);
   if (!has_calibration_sweep(plan) || !calibration_sha256.empty() ||
       (start.empty() && fs::exists(folder.calibration()))) {
     loaded = load_calibration(folder.calibration());

@@ -90,13 +90,9 @@ void move_path(OrderedJson& object, const char* key, const fs::path& from, const
   const fs::path path = object.at(key).get<std::string>();
   if (path.is_absolute()) return;
   object[key] = fs::relative(from / path, to).string();
-  // The run may name its rig file relative to the folder that it was started in.
   if (!fs::exists(from / path))
-    spdlog::warn(
-        "\"{}\" in the rig file names {}, which is not there. Correct it, or identify in the "
-        "folder "
-        "that the run was started in.",
-        key, (from / path).lexically_normal().string());
+    spdlog::warn("\"{}\" in the rig file names {}, which is not there. Correct it.", key,
+                 (from / path).lexically_normal().string());
 }
 
 std::string corrected_rig(const Results& made, const RigParameters& found,
@@ -128,7 +124,8 @@ std::string corrected_rig(const Results& made, const RigParameters& found,
     gimbal["centre_at_stage_zero_mm"] = numbers(found.gimbal_centre_mm, 4);
     json["pattern"]["offset_mm"] = numbers(-found.gimbal_centre_mm, 4);
   }
-  const fs::path from = fs::absolute(fs::path(made.record.plan.rig.file).parent_path()),
+  const fs::path from = fs::absolute(source_file(made.record, made.record.plan.rig.file))
+                            .parent_path(),
                  to = fs::absolute(out).parent_path();
   if (json.contains("calibration"))
     for (const char* key : {"file", "sweep"}) move_path(json["calibration"], key, from, to);

@@ -146,8 +146,7 @@ StoredRun stored_run(const RunFolder& folder, std::vector<const Solver*> solvers
   StoredRun out;
   out.record = read_run(folder);
   warn_if_torn(folder, out.record);
-  const FrozenText& rig = out.record.plan.rig;
-  out.rig = parse_rig_file(rig.text, rig.file, folder.root());
+  out.rig = rig_of(out.record);
   out.calibration = load_calibration(folder.calibration());
   EvaluateOptions options;
   options.solvers = std::move(solvers);
@@ -160,7 +159,7 @@ Results make_results(const RunFolder& folder, OutputOptions options) {
   Results out;
   out.record = read_run(folder);
   const Plan& plan = out.record.plan;
-  out.rig = parse_rig_file(plan.rig.text, plan.rig.file, folder.root());
+  out.rig = rig_of(out.record);
   // A scenario that is not there is known before the work.
   if (options.noise && options.evaluate.spots == SpotSource::kImages)
     options.noise->scenario = noise_scenario(out.record, folder, options.noise->scenario);

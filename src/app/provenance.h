@@ -17,7 +17,7 @@ nlohmann::json program_provenance();
 /// count.
 std::vector<std::string> program_changes(const nlohmann::json& then);
 
-/// Of a run, for its start document: the program, the command, hashes of every file the plan was made
+/// Of a run, for its start document: the program, the command and the folder it was given in, hashes of every file the plan was made
 /// from, the calibration if it came from elsewhere, and limits, speeds and camera settings as they
 /// are used, defaults filled in. Keys have neither "." nor "/" (event model).
 /// @param calibration calibration.json of the run if it does not follow from the run itself; else

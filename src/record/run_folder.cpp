@@ -10,6 +10,7 @@
 
 #include "src/core/clock.h"
 #include "src/core/errors.h"
+#include "src/core/rig_file.h"
 #include "src/core/units.h"
 #include "src/record/atomic_file.h"
 #include "src/record/folder.h"
@@ -268,6 +269,19 @@ RunRecord read_run(const RunFolder& folder) {
       record.poses.push_back(std::move(pose));
   }
   return record;
+}
+
+std::filesystem::path source_file(const RunState& run, const std::filesystem::path& name) {
+  if (name.is_absolute() || run.start_document.empty()) return name;
+  const std::filesystem::path there =
+      Json::parse(run.start_document).value("/provenance/folder"_json_pointer, "") / name;
+  std::error_code unreadable;
+  return std::filesystem::exists(there, unreadable) ? there : name;
+}
+
+RigFile rig_of(const RunState& run) {
+  const FrozenText& rig = run.plan.rig;
+  return parse_rig_file(rig.text, rig.file, source_file(run, rig.file).parent_path());
 }
 
 Image load_image(const RunFolder& folder, const TakenImage& image) {

@@ -16,6 +16,8 @@
 
 namespace turntable {
 
+struct RigFile;
+
 /// Paths of a run. A plain value; `create` and `open` check what is on disk.
 class RunFolder {
  public:
@@ -190,6 +192,12 @@ RunState read_run_state(const RunFolder& folder, const VisitPose& visit = {},
                         const VisitReading& visit_reading = {});
 /// All of it. @throws ConfigError as above.
 RunRecord read_run(const RunFolder& folder);
+
+/// A file that the plan names. A relative name counts from the folder that the run was started in; if it is not there
+/// (the project was moved), or the journal does not say where that was, from the current one.
+std::filesystem::path source_file(const RunState& run, const std::filesystem::path& name);
+/// The rig file that the run began with, from its own copy; files that it names count from where it lay. @throws ConfigError.
+RigFile rig_of(const RunState& run);
 
 /// Reads an archived image and checks its hash. @throws ConfigError: altered, missing, or never
 /// archived.

@@ -96,7 +96,7 @@ TEST_F(DamagedCopy, ItsStartDocumentSaysWhatTheResultsOweTheirBeingTo) {
   const Json start = Json::parse(read_run_state(RunFolder::open(run)).start_document);
   const Json& p = start.at("provenance");
   for (const char* key :
-       {"program", "version", "commit", "modified", "compiler", "host", "command"})
+       {"program", "version", "commit", "modified", "compiler", "host", "command", "folder"})
     EXPECT_TRUE(p.contains(key)) << key;
   EXPECT_EQ(start.at("plan_sha256"), sha256_hex(slurp(run / "plan.json")));
   EXPECT_EQ(p.at("rig").at("sha256"), sha256_hex(slurp("scenarios/rigs/ideal.json")));

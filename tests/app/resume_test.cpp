@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <nlohmann/json.hpp>
 
 #include "src/record/run_folder.h"
 #include "tests/app/background_program.h"
@@ -30,6 +31,14 @@ std::size_t lines(const std::filesystem::path& run, std::size_t least = 0) {
     std::this_thread::sleep_for(std::chrono::milliseconds{50});
   }
   return count;
+}
+
+/// As if the run had been killed: 40 lines are left.
+void cut_journal(const std::filesystem::path& run) {
+  const std::string journal = slurp(run / "journal.jsonl");
+  std::size_t end = 0;
+  for (int i = 0; i < 40; ++i) end = journal.find('\n', end) + 1;
+  spill(run / "journal.jsonl", journal.substr(0, end));
 }
 
 TEST(Resume, ARunIsPausedLetGoOnStoppedAndResumedFromAnotherTerminal) {
@@ -97,6 +106,34 @@ TEST(Resume, DevicesAreAskedWithoutMovingAnything) {
   EXPECT_THAT(plan.output, HasSubstr("a test exposure came after"));
 }
 
+TEST(Resume, RelativeNamesCountFromWhereTheRunWasStarted) {
+  const TemporaryFolder folder;
+  std::filesystem::copy(kProject / "scenarios", folder / "scenarios",
+                        std::filesystem::copy_options::recursive);
+  auto rig = nlohmann::json::parse(slurp(folder / "scenarios/rigs/ideal.json"));
+  rig["telemetry"] = {{"channels", {{"hall", {{"unit", "degC"}, {"file", "hall.txt"}}}}}};
+  spill(folder / "scenarios/rigs/ideal.json", rig.dump());
+  spill(folder / "scenarios/rigs/hall.txt", "21.5\n");
+  const Outcome whole = turntable_program(
+      "run scenarios/campaigns/quick.json --rig scenarios/rigs/ideal.json --out run",
+      "cd " + (folder / ".").string() + " &&");
+  ASSERT_EQ(whole.code, 0) << whole.output;
+  cut_journal(folder / "run");
+  const std::string resume = "resume " + (folder / "run").string();
+  const std::string scenario = slurp(folder / "scenarios/quick/uniaxial_x.json");
+  spill(folder / "scenarios/quick/uniaxial_x.json", scenario + " ");
+  EXPECT_THAT(turntable_program(resume, "cd / &&").output,
+              HasSubstr("uniaxial_x.json: has changed"));
+  spill(folder / "scenarios/quick/uniaxial_x.json", scenario);
+  const Outcome resumed = turntable_program(resume, "cd / &&");
+  ASSERT_EQ(resumed.code, 0) << resumed.output;
+  const RunRecord record = read_run(RunFolder::open(folder / "run"));
+  ASSERT_EQ(record.telemetry.size(), 2u);
+  ASSERT_FALSE(record.telemetry[1].readings.empty());
+  for (const TelemetryReading& reading : record.telemetry[1].readings)
+    EXPECT_EQ(reading.values[0], 21.5) << reading.trouble;
+}
+
 TEST(Resume, WhatHasChangedSinceTheStartIsNamedAndRefusedUnlessAccepted) {
   const TemporaryFolder folder;
   std::filesystem::create_directories(folder / "a/b");
@@ -111,11 +148,7 @@ TEST(Resume, WhatHasChangedSinceTheStartIsNamedAndRefusedUnlessAccepted) {
       turntable_program("run " + (folder / "a/b/c/campaign.json").string() + " --rig " +
                         (folder / "scenarios/rigs/ideal.json").string() + " --out " + run);
   ASSERT_EQ(whole.code, 0) << whole.output;
-  // As if it had been killed: the journal ends in the middle.
-  const std::string journal = slurp(folder / "run/journal.jsonl");
-  std::size_t end = 0;
-  for (int i = 0; i < 40; ++i) end = journal.find('\n', end) + 1;
-  spill(folder / "run/journal.jsonl", journal.substr(0, end));
+  cut_journal(folder / "run");
   const std::string scenario = slurp(folder / "a/b/c/motion.json");
   spill(folder / "a/b/c/motion.json", scenario + " ");
   const Outcome refused = turntable_program("resume " + run);
