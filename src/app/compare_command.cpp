@@ -25,6 +25,21 @@ std::string folder_name(const fs::path& run) {
   return (whole.has_filename() ? whole.filename() : whole.parent_path().filename()).string();
 }
 
+/// A folder in A that tells B, also from other runs whose folder has the same name.
+fs::path default_folder(const fs::path& a, const fs::path& b) {
+  constexpr std::size_t kDigits = 8;
+  const RunState state = read_run_state(RunFolder::open(b));
+  const std::string uid = state.sessions.empty() ? "" : state.sessions.front().uid;
+  return a / fmt::format("compare_{}{}", folder_name(b),
+                         uid.empty() ? "" : "_" + uid.substr(0, kDigits));
+}
+
+ComparedRun described(const fs::path& run, const StoredRun& stored) {
+  return {folder_name(run), run.string(),
+          stored.record.sessions.empty() ? "" : stored.record.sessions.front().began_utc,
+          stored.rig.simulated()};
+}
+
 /// What of it is compared, beside its errors.
 struct Compared {
   RunFolder folder;
@@ -68,8 +83,15 @@ int compare_command(const ReportArguments& a) {
   std::error_code none;
   if (fs::equivalent(first, other, none))
     spdlog::warn("{} and {} are the same run.", first.string(), other.string());
-  const fs::path out = a.out.empty() ? first / ("compare_" + folder_name(other)) : a.out;
   for (const fs::path& run : a.runs) require_evaluated(RunFolder::open(run));
+  const fs::path out = a.out.empty() ? default_folder(first, other) : a.out;
+  if (fs::exists(out / "plan.json", none))
+    throw ConfigError(
+        "--out", "",
+        fmt::format(
+            "found {}, which is a run's own folder, allowed: another one. The comparison would "
+            "stand among what the run has made.",
+            out.string()));
   require_writable(out, "the comparison", "--out");
   const std::unique_ptr<PdfPrinter> printer = a.no_pdf ? nullptr : std::make_unique<PdfPrinter>();
   const Compared one = compared(first), two = compared(other);
@@ -90,12 +112,11 @@ int compare_command(const ReportArguments& a) {
                     "the same, by --solver.",
                     first.string()));
 
-  const fs::path page = write_comparison(
-      out,
-      {folder_name(first), folder_name(other), one.run.rig.simulated(), two.run.rig.simulated()},
-      differences(one, two), comparison, printer.get());
+  const fs::path page =
+      write_comparison(out, {described(first, one.run), described(other, two.run)},
+                       differences(one, two), comparison, printer.get());
   for (const CommonScenario& s : comparison.scenarios)
-    fmt::print("{:<20} {} poses in both, {} only in A, {} only in B\n", s.name, s.both,
+    fmt::print("{:<20} {} poses planned in both, {} only in A, {} only in B\n", s.name, s.both,
                s.only_first, s.only_other);
   std::size_t failed = 0;
   for (const RunChange& c : comparison.changes) {

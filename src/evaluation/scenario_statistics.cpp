@@ -9,6 +9,7 @@
 
 #include "src/core/parallel.h"
 #include "src/evaluation/clustered_bootstrap.h"
+#include "src/evaluation/direction_effect.h"
 
 namespace turntable {
 namespace {
@@ -63,47 +64,27 @@ std::vector<ClusterSum> sums_of(const Visited& v, const Of& of) {
   return out;
 }
 
-/// Difference by direction at the same angle of the axis, averaged over the angles that were come to
-/// from both sides, by what each can tell (weights n m / (n + m)).
-WithInterval direction_effect(const Visited& v, std::size_t told, std::size_t solver_place) {
-  struct Group {
-    std::size_t angle;  ///< stratum: the angle of this axis
-    ClusterSum up, down;
+/// Where the same angles were come to from both sides, these are compared; else all poses at one angle of the axis.
+WithInterval direction_effect_of(const Visited& v, std::size_t told, std::size_t solver_place) {
+  const auto errors = [&](const auto& place_of) {
+    std::vector<DirectedError> out;
+    for (std::size_t g = 0; g < v.by_angles.size(); ++g)
+      for (const std::size_t k : v.by_angles[g]) {
+        const PoseResult& r = v.visits[k].pose->results[solver_place];
+        const int direction = v.visits[k].direction[told];
+        if (r.measured && direction != 0)
+          out.push_back({place_of(g), v.visits[k].pose->planned.repeat, direction,
+                         error_of(r.error, kToldAxes[told])});
+      }
+    return out;
   };
-  std::map<double, std::size_t> strata;
-  std::vector<Group> groups;
-  for (const std::vector<std::size_t>& members : v.by_angles) {
-    const double at = v.visits[members.front()].pose->planned.target(kToldAxes[told]);
-    Group g{strata.try_emplace(at, strata.size()).first->second, {}, {}};
-    for (const std::size_t k : members) {
-      const PoseResult& r = v.visits[k].pose->results[solver_place];
-      if (!r.measured || v.visits[k].direction[told] == 0) continue;
-      ClusterSum& sum = v.visits[k].direction[told] > 0 ? g.up : g.down;
-      sum.sum += error_of(r.error, kToldAxes[told]);
-      sum.count += 1.0;
-    }
-    groups.push_back(g);
-  }
-  std::vector<std::pair<ClusterSum, ClusterSum>> by_angle(strata.size());
-  const auto over = [&](std::span<const std::size_t> drawn) {
-    std::ranges::fill(by_angle, std::pair<ClusterSum, ClusterSum>{});
-    for (const std::size_t k : drawn) {
-      auto& [up, down] = by_angle[groups[k].angle];
-      up.sum += groups[k].up.sum;
-      up.count += groups[k].up.count;
-      down.sum += groups[k].down.sum;
-      down.count += groups[k].down.count;
-    }
-    double sum = 0.0, weights = 0.0;
-    for (const auto& [up, down] : by_angle) {
-      if (up.count == 0.0 || down.count == 0.0) continue;
-      const double weight = up.count * down.count / (up.count + down.count);
-      sum += weight * (up.sum / up.count - down.sum / down.count);
-      weights += weight;
-    }
-    return weights > 0.0 ? sum / weights : Solution::kNaN;
-  };
-  return with_bootstrap(groups.size(), over);
+  const WithInterval same = direction_effect(errors([](std::size_t g) { return g; }));
+  if (std::isfinite(same.interval.lower)) return same;
+  std::map<double, std::size_t> angles;
+  return direction_effect(errors([&](std::size_t g) {
+    const double at = v.visits[v.by_angles[g].front()].pose->planned.target(kToldAxes[told]);
+    return angles.try_emplace(at, angles.size()).first->second;
+  }));
 }
 
 ScenarioStatistics statistics_of(const Visited& v, std::size_t solver_place, const Solver* solver) {
@@ -146,7 +127,7 @@ ScenarioStatistics statistics_of(const Visited& v, std::size_t solver_place, con
     }
     detail.repeatability_deg = freedom > 0.0 ? std::sqrt(squares / freedom) : Solution::kNaN;
 
-    detail.forward_minus_backward_deg = direction_effect(v, a, solver_place);
+    detail.forward_minus_backward_deg = direction_effect_of(v, a, solver_place);
   }
   return out;
 }
@@ -242,13 +223,14 @@ Iso230 iso230_of(const Visited& v, std::size_t solver_place, const Solver* solve
       highest_mean = std::max(highest_mean, middle);
     }
   }
-  out.systematic_deg = highest - lowest;
+  const bool range = out.positions > 1;
+  if (range) out.systematic_deg = highest - lowest;
   if (out.approaches > 1) {  // of one approach nothing is known of s
-    out.accuracy_deg = highest_limit - lowest_limit;
+    if (range) out.accuracy_deg = highest_limit - lowest_limit;
     out.repeatability_deg = largest_spread;
   }
   if (out.bidirectional) {
-    out.mean_range_deg = highest_mean - lowest_mean;
+    if (range) out.mean_range_deg = highest_mean - lowest_mean;
     out.reversal_deg = largest_reversal;
   }
   return out;
@@ -283,6 +265,7 @@ std::vector<ScenarioStatistics> scenario_statistics(const Evaluation& evaluation
 
 ChangeVerdict change_verdict(const WithInterval& change, double first) {
   if (!std::isfinite(change.value)) return ChangeVerdict::kNothing;
+  if (!std::isfinite(change.interval.lower)) return ChangeVerdict::kTooFew;
   const double little = 0.01 * first;
   if (change.interval.lower > -little && change.interval.upper < little)
     return ChangeVerdict::kSame;
@@ -301,6 +284,8 @@ std::string_view change_verdict_name(ChangeVerdict verdict) {
       return "the same within 1 %";
     case ChangeVerdict::kCannotTell:
       return "not told apart";
+    case ChangeVerdict::kTooFew:
+      return "too few poses";
     case ChangeVerdict::kNothing:
       return "not compared";
   }

@@ -3,10 +3,11 @@
 // where one axis turns, the quantities of ISO 230-2.
 //   e^2 of a pose          = pitch^2 + roll^2 + yaw^2 error            (statistics.h)
 //   repeatability          = sqrt(sum (e - mean of the same angles)^2 / sum (n - 1))    per axis
-//   forward - backward     = mean of e where the axis last moved up - mean where it last moved down,
-//                            at the same angle of that axis, averaged over such angles
+//   forward - backward     = e where the axis last moved up less e where it last moved down, at the same
+//                            angles; if none were come to both ways, at the same angle of that axis
+//                            (direction_effect.h, which has its own interval)
 //   change of B against A  = RMSE(B) - RMSE(A), over the poses that both have measured
-// Intervals are 95 %, by drawing angles again with replacement, each with all of its repeats, which
+// Other intervals are 95 %, by drawing angles again with replacement, each with all of its repeats, which
 // share their systematic error (cluster bootstrap; A. C. Davison, D. V. Hinkley, Bootstrap Methods
 // and their Application, 1997, 3.8). The initial pose of a repeat is in all of its errors alike: the
 // repeatability counts it, no interval does.
@@ -50,11 +51,11 @@ struct ScenarioStatistics {
 std::vector<ScenarioStatistics> scenario_statistics(const Evaluation& evaluation);
 
 /// What a change of an RMSE says of the one that has changed.
-enum class ChangeVerdict { kBetter, kWorse, kSame, kCannotTell, kNothing };
+enum class ChangeVerdict { kBetter, kWorse, kSame, kCannotTell, kTooFew, kNothing };
 /// By the interval alone: it must not hold zero; the same if it lies within 1 % of `first`, the RMSE
-/// before the change; nothing if there is no change, for want of poses.
+/// before the change; too few if there is no interval, nothing if there is no change, for want of poses.
 ChangeVerdict change_verdict(const WithInterval& change, double first);
-/// "better", "worse", "the same within 1 %", "not told apart", "not compared"
+/// "better", "worse", "the same within 1 %", "not told apart", "too few poses", "not compared"
 std::string_view change_verdict_name(ChangeVerdict verdict);
 
 /// Is `other` better than `first`?
@@ -87,6 +88,7 @@ struct Iso230 {
   std::size_t positions = 0;
   int approaches = 0;  ///< fewest of one position and direction
   bool bidirectional = false;
+  /// A, E and M are ranges over positions: NaN of a single one.
   double accuracy_deg = Solution::kNaN;    ///< A, or A of the one direction there is
   double systematic_deg = Solution::kNaN;  ///< E
   double mean_range_deg =

@@ -135,11 +135,11 @@ std::string glance(const RunComparison& comparison) {
   std::size_t unpaired = 0;
   for (const RunChange& c : comparison.changes)
     unpaired += !c.paired && c.verdict() != ChangeVerdict::kNothing;
-  const auto nothing = number(ChangeVerdict::kNothing);
+  const auto nothing = number(ChangeVerdict::kNothing), too_few = number(ChangeVerdict::kTooFew);
   return fmt::format(
       "**Of {} comparisons (scenario and solver) B is better in {}, worse in {}, the same within 1 "
       "% "
-      "in {}; {} are not told apart.**{}{} With many comparisons some intervals miss zero by "
+      "in {}; {} are not told apart.**{}{}{} With many comparisons some intervals miss zero by "
       "chance: "
       "about one in twenty.\n\n",
       comparison.changes.size(), number(ChangeVerdict::kBetter), number(ChangeVerdict::kWorse),
@@ -147,6 +147,9 @@ std::string glance(const RunComparison& comparison) {
       nothing == 0
           ? ""
           : fmt::format(" In {} of them a run has measured no pose: nothing is compared.", nothing),
+      too_few == 0
+          ? ""
+          : fmt::format(" In {} of them there are too few poses for an interval.", too_few),
       unpaired == 0
           ? ""
           : fmt::format(
@@ -158,7 +161,8 @@ std::string glance(const RunComparison& comparison) {
 }  // namespace
 
 std::filesystem::path write_comparison(const std::filesystem::path& folder,
-                                       const ComparedRuns& runs, const std::vector<RunFact>& facts,
+                                       const std::array<ComparedRun, 2>& runs,
+                                       const std::vector<RunFact>& facts,
                                        const RunComparison& comparison, PdfPrinter* printer) {
   for (const char* part : {"tables", "figures"}) make_folder(folder / part);
   const WrittenTable changes = write_table(changes_table(comparison), folder / "tables");
@@ -169,10 +173,14 @@ std::filesystem::path write_comparison(const std::filesystem::path& folder,
   const std::vector<Figure> figures =
       draw(folder / "figures", {change_figure(folder / "figures", comparison)});
 
-  std::string md = fmt::format("# {} and {}\n\n", runs.first, runs.other);
-  md +=
-      fmt::format("A is {}{}, B is {}{}. ", runs.first, runs.first_simulated ? " (simulated)" : "",
-                  runs.other, runs.other_simulated ? " (simulated)" : "");
+  const auto& [a, b] = runs;
+  std::string md = fmt::format("# {} and {}\n\n", markdown_text(a.name), markdown_text(b.name));
+  for (const auto& [letter, run] : {std::pair('A', &a), std::pair('B', &b)})
+    md += fmt::format("{} is {}{}, begun {}, in {}. ", letter, markdown_text(run->name),
+                      run->simulated ? " (simulated)" : "",
+                      run->began_utc.empty() ? "nobody knows when" : run->began_utc,
+                      markdown_text(run->folder));
+  md += "\n\n";
   md += glance(comparison);
   md += "## What differs\n\n";
   if (facts.empty()) {

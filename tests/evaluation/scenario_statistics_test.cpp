@@ -82,6 +82,13 @@ TEST_F(ScenarioStatisticsTest, DirectionsAreComparedAtTheSameAngle) {
   EXPECT_TRUE(std::isnan(s[0].axes[0].forward_minus_backward_deg.value)) << "pitch never moved";
 }
 
+TEST(ChangeVerdict, WithoutAnIntervalThereAreTooFewPoses) {
+  constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(change_verdict({0.1, {kNaN, kNaN}}, 0.2), ChangeVerdict::kTooFew);
+  EXPECT_EQ(change_verdict({kNaN, {kNaN, kNaN}}, 0.2), ChangeVerdict::kNothing);
+  EXPECT_EQ(change_verdict({0.1, {-0.1, 0.3}}, 0.2), ChangeVerdict::kCannotTell);
+}
+
 TEST_F(ScenarioStatisticsTest, OneDirectionHasNoDifference) {
   reference();
   for (int k = 1; k <= 9; ++k) visit(k, 1, 0.1, 0.1);
