@@ -181,10 +181,11 @@ std::string figures_markdown(const std::vector<Figure>& figures) {
   bool undrawn = false;
   for (const Figure& f : figures) {
     undrawn = undrawn || !f.drawn;
-    md += f.drawn ? fmt::format("![{}](figures/{}.svg)\n\n{} ([data](figures/{}.csv))\n\n",
-                                f.caption, f.name, f.caption, f.name)
-                  : fmt::format("{} ([data](figures/{}.csv), [script](figures/{}.gp))\n\n",
-                                f.caption, f.name, f.name);
+    const std::string caption = markdown_text(f.caption);
+    md += f.drawn ? fmt::format("![{}](figures/{}.svg)\n\n{} ([data](figures/{}.csv))\n\n", caption,
+                                f.name, caption, f.name)
+                  : fmt::format("{} ([data](figures/{}.csv), [script](figures/{}.gp))\n\n", caption,
+                                f.name, f.name);
   }
   if (undrawn)
     md +=

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 
 #include "src/record/atomic_file.h"
@@ -94,6 +95,26 @@ std::string table_csv(const Table& table) {
   return csv.str();
 }
 
+std::string markdown_text(std::string_view text) {
+  const auto word = [&](std::size_t i) {
+    return i < text.size() &&
+           (std::isalnum(static_cast<unsigned char>(text[i])) || text[i] == '_' || text[i] < 0);
+  };
+  std::string out;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const char c = text[i];
+    const bool first = i == 0, last = i + 1 == text.size();
+    const bool mark = c == '_'
+                          ? first || !word(i - 1) || !word(i + 1)  // within a word it marks nothing
+                      : c == '&' ? !last && (word(i + 1) || text[i + 1] == '#')
+                      : c == '#' ? first || last
+                                 : std::string_view("\\`*[]<|~").find(c) != std::string_view::npos;
+    if (mark) out += '\\';
+    out += std::iscntrl(static_cast<unsigned char>(c)) ? ' ' : c;
+  }
+  return out;
+}
+
 std::string table_markdown(const Table& table) {
   std::string head = "|", rule = "|", body;
   for (std::size_t c = 0; c < table.columns.size(); ++c) {
@@ -105,7 +126,8 @@ std::string table_markdown(const Table& table) {
     body += "|";
     for (std::size_t c = 0; c < table.columns.size(); ++c) {
       if (table.columns[c].title.empty()) continue;
-      const std::string text = readable(row[c], table.columns[c].decimals);
+      std::string text = readable(row[c], table.columns[c].decimals);
+      if (std::holds_alternative<std::string>(row[c])) text = markdown_text(text);
       body += text.empty() ? " |" : fmt::format(" {} |", text);
     }
     body += "\n";
@@ -180,7 +202,8 @@ WrittenTable write_table(const Table& all, const Table& shown,
                          const std::filesystem::path& folder) {
   const std::string markdown = table_markdown(shown);
   write_atomically(folder / (shown.name + ".csv"), table_csv(all));
-  write_atomically(folder / (shown.name + ".md"), fmt::format("# {}\n\n{}", shown.title, markdown));
+  write_atomically(folder / (shown.name + ".md"),
+                   fmt::format("# {}\n\n{}", markdown_text(shown.title), markdown));
   write_atomically(folder / (shown.name + ".tex"), table_latex(shown));
   return {shown.name, shown.title, markdown};
 }

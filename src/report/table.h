@@ -29,7 +29,7 @@ using Cell = std::variant<std::monostate, std::string, std::int64_t, double, Rou
 
 struct Table {
   std::string name;   ///< file stem
-  std::string title;  ///< one line
+  std::string title;  ///< one line, no Markdown
   std::vector<TableColumn> columns;
   std::vector<std::vector<Cell>> rows;  ///< a cell for every column
 };
@@ -42,11 +42,14 @@ struct WrittenTable {
 };
 
 std::string table_csv(const Table& table);
-/// GitHub's tables; numbers to the right; "-" for a value that is not finite.
+/// GitHub's tables, texts as they are; numbers to the right; "-" for a value that is not finite.
 std::string table_markdown(const Table& table);
 /// One tabular environment that needs no package.
 std::string table_latex(const Table& table);
 
+/// Text for Markdown, in a paragraph, heading, cell of a table or alternative of an image: what it would read as
+/// marks is escaped. The name of a scenario stays as it is.
+std::string markdown_text(std::string_view text);
 /// Text for LaTeX: its special characters escaped.
 std::string latex_text(std::string_view text);
 

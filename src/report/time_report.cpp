@@ -84,16 +84,6 @@ std::pair<double, const char*> unit_for(double longest_s) {
   return longest_s < 3.0 * 3600.0 ? std::pair{60.0, "min"} : std::pair{3600.0, "h"};
 }
 
-/// Text of devices and people in one cell of a table.
-std::string in_cell(const std::string& text) {
-  std::string out;
-  for (const char c : text) {
-    if (c == '|') out += '\\';
-    out += c == '\n' || c == '\r' ? ' ' : c;
-  }
-  return out;
-}
-
 /// Which complaints are of one kind: the text without its numbers.
 std::string kind_of(const std::string& complaint) {
   std::string kind;
@@ -517,7 +507,7 @@ std::string images_text(const RunRecord& record) {
   for (std::size_t i = 0; i < std::min(rows.size(), kRows); ++i) {
     const Complaint& c = *rows[i].second;
     md += fmt::format("| {} | {} | {} | {} |\n", c.images, first_of(c.poses),
-                      record.plan.scenarios[rows[i].first].name, in_cell(c.text));
+                      record.plan.scenarios[rows[i].first].name, markdown_text(c.text));
   }
   if (rows.size() > kRows)
     md += fmt::format("\n{} more kinds of complaints are in the journal.\n", rows.size() - kRows);
@@ -532,7 +522,7 @@ std::string telemetry_text(const RunRecord& record) {
       "| channel | unit | mean | min | max | readings | unreadable |\n"
       "|---|---|--:|--:|--:|--:|--:|\n";
   for (const auto& [name, c] : channels) {
-    md += fmt::format("| {} | {} |", name, in_cell(c.unit));
+    md += fmt::format("| {} | {} |", name, markdown_text(c.unit));
     if (c.read > 0)
       md += fmt::format(" {:.6g} | {:.6g} | {:.6g} |", c.sum / static_cast<double>(c.read), c.lower,
                         c.upper);
@@ -543,8 +533,8 @@ std::string telemetry_text(const RunRecord& record) {
   for (const SessionTelemetry& session : record.telemetry)
     for (const TelemetryReading& reading : session.readings)
       if (!reading.trouble.empty())
-        return md +
-               fmt::format("\nThe first that could not be read: {}\n\n", in_cell(reading.trouble));
+        return md + fmt::format("\nThe first that could not be read: {}\n\n",
+                                markdown_text(reading.trouble));
   return md + "\n";
 }
 
@@ -555,9 +545,9 @@ std::string interruptions_text(const RunRecord& record) {
   for (std::size_t s = 0; s < record.sessions.size(); ++s)
     for (const Interruption& i : record.sessions[s].interruptions)
       if (++count <= kRows)
-        rows +=
-            fmt::format("| {} | {} | {} | {} | {} |\n", s + 1, i.utc,
-                        i.rig_time_s ? fixed(*i.rig_time_s, 1) : "-", i.what, in_cell(i.reason));
+        rows += fmt::format("| {} | {} | {} | {} | {} |\n", s + 1, i.utc,
+                            i.rig_time_s ? fixed(*i.rig_time_s, 1) : "-", i.what,
+                            markdown_text(i.reason));
   if (count == 0) return {};
   std::string md =
       "What made the run wait, and what let it go on. Rig time is that of the last pose or reading "

@@ -38,6 +38,18 @@ TEST(Table, MarkdownIsForReading) {
             "| none | - | | 0 |\n");
 }
 
+TEST(Table, MarkdownOfAnybodysTextReadsAsItStands) {
+  EXPECT_EQ(markdown_text("Yaw in [-30, 30) deg"), "Yaw in \\[-30, 30) deg");
+  EXPECT_EQ(markdown_text("A|B <b> *x* `y` a\\b ~z~ [k](l)"),
+            "A\\|B \\<b> \\*x\\* \\`y\\` a\\\\b \\~z\\~ \\[k\\](l)");
+  EXPECT_EQ(markdown_text("quick_biaxial_xz _x_ R & D &amp; #1 no #"),
+            "quick_biaxial_xz \\_x\\_ R & D \\&amp; #1 no \\#");
+  EXPECT_EQ(markdown_text("two\nlines, \xc3\xa4"), "two lines, \xc3\xa4");
+  Table table = small();
+  table.rows.front().front() = "a|b";
+  EXPECT_NE(table_markdown(table).find("| a\\|b | -0.1235 |"), std::string::npos);
+}
+
 TEST(Table, LatexEscapes) {
   EXPECT_EQ(table_latex(small()),
             "% A table\n\\begin{tabular}{lrrr}\n\\hline\n"
