@@ -120,7 +120,7 @@ void print_list(const std::vector<std::string>& lines) {
 /// The part of a run that has the rig; afterwards it is free for others.
 struct Taking {
   const TakeArguments& arguments;
-  std::string command;  ///< for the journal and for other programs
+  std::string command;  ///< for other programs
   const RigFile& rig;
   const Plan& plan;
   fs::path root;
@@ -280,9 +280,10 @@ AcquireSummary take_poses(const Taking& taking, std::optional<RunFolder>& folder
     if (!taking.accepts_changes) refuse_changes(taking.root, changes);
     changes.insert(changes.begin(), taking.accepted.begin(), taking.accepted.end());
   }
-  nlohmann::json start = run_provenance(taking.rig, taking.plan, taking.command,
+  nlohmann::json start = run_provenance(taking.rig, taking.plan, taking.arguments.command_line,
                                         taking.calibration ? folder->calibration() : fs::path());
   if (!changes.empty()) start["accepted_changes"] = changes;
+  if (!taking.arguments.solvers.empty()) start["solvers"] = taking.arguments.solvers;
   fmt::print("run: {}\n", folder->root().string());
   std::fflush(stdout);
   const auto kept = [&](std::string_view axes) {
@@ -461,7 +462,6 @@ int resume_command(const ResumeArguments& a) {
     fmt::print("{} takes it, and goes on if it was paused.\n", *who);
     return kDone;
   }
-  EvaluateOptions options = solvers_named(a.solvers);
   // A run that was killed before its journal was made has a plan and nothing else.
   RunState before;
   if (fs::exists(folder.journal())) {
@@ -472,23 +472,27 @@ int resume_command(const ResumeArguments& a) {
   }
   const Plan& plan = before.plan;
   const RigFile rig_file = rig_of(before);
-  if (a.solvers.empty() && fs::exists(folder.journal()))
-    options.solvers = read_evaluation_record(folder, plan).solvers;
   const nlohmann::json start = before.start_document.empty()
                                    ? nlohmann::json::object()
                                    : nlohmann::json::parse(before.start_document);
+  // Those asked for now, those of an evaluation before, or those that the run was begun with.
+  EvaluateOptions options = solvers_named(a.solvers);
+  if (a.solvers.empty() && !start.empty())
+    options.solvers = read_evaluation_record(folder, plan).solvers;
+  if (a.solvers.empty() && options.solvers.empty())
+    options =
+        solvers_named(start.value("/provenance/solvers"_json_pointer, std::vector<std::string>{}));
   // What the run was given when it began, also if it has a sweep of its own.
-  const std::string calibration_sha256 =
-      start.value("/provenance/calibration_sha256"_json_pointer, "");
+  const std::string calibration_sha256 = given_calibration_sha256(before);
   std::optional<Calibration> loaded;
   std::vector<std::string> changes = changed_files(before);
   if (!has_calibration_sweep(plan) || !calibration_sha256.empty() ||
       (start.empty() && fs::exists(folder.calibration()))) {
-    loaded = load_calibration(folder.calibration());
-    if (!calibration_sha256.empty() &&
-        sha256_hex(read_text(folder.calibration())) != calibration_sha256)
-      changes.push_back(fmt::format("{}: is not the calibration that the run began with",
-                                    folder.calibration().string()));
+    const fs::path calibration = folder.first_calibration();
+    loaded = load_calibration(calibration);
+    if (!calibration_sha256.empty() && sha256_hex(read_text(calibration)) != calibration_sha256)
+      changes.push_back(
+          fmt::format("{}: is not the calibration that the run began with", calibration.string()));
   }
 
   RunFindings findings;

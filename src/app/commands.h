@@ -31,6 +31,8 @@ int plan_command(const PlanArguments& a);
 
 /// What every verb that takes poses takes.
 struct TakeArguments {
+  std::string command_line;  ///< the verb and what follows it, as a shell would take it again
+  std::vector<std::string> solvers;
   std::filesystem::path wire_log;
   bool configure = false, assume_mounted = false;
   double speed = 1.0;
@@ -38,7 +40,6 @@ struct TakeArguments {
 
 struct RunArguments : TakeArguments {
   std::filesystem::path scenario, rig, out, calibration;
-  std::vector<std::string> solvers;
   std::vector<std::filesystem::path> beside;  ///< earlier runs whose cameras the report sets beside
   std::string images = "regions";
   bool dry_run = false, ask_devices = false;
@@ -48,7 +49,6 @@ int run_command(const RunArguments& a);
 
 struct ResumeArguments : TakeArguments {
   std::filesystem::path run;
-  std::vector<std::string> solvers;
   std::size_t overlap = 2;
   bool accept_changes = false;
 };

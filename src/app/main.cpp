@@ -5,11 +5,14 @@
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cctype>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
 #include <iostream>
+#include <string_view>
 
 #include "src/app/commands.h"
 #include "src/attitude/solver.h"
@@ -89,6 +92,27 @@ void keep_freed_memory() {
       kFree = 256 << 20;
   mallopt(M_MMAP_THRESHOLD, kLargestBlock);
   mallopt(M_TRIM_THRESHOLD, kFree);
+}
+
+/// Arguments as a shell would take them again.
+std::string command_line(int argc, char** argv) {
+  std::string line;
+  for (int i = 1; i < argc; ++i) {
+    const std::string_view argument = argv[i];
+    const bool plain = !argument.empty() && std::ranges::all_of(argument, [](unsigned char c) {
+      return std::isalnum(c) || c >= 0x80 ||
+             std::string_view("_-+./=:,@%").find(static_cast<char>(c)) != std::string_view::npos;
+    });
+    line += i == 1 ? "" : " ";
+    if (plain) {
+      line += argument;
+      continue;
+    }
+    line += '\'';
+    for (const char c : argument) line += c == '\'' ? std::string("'\\''") : std::string(1, c);
+    line += '\'';
+  }
+  return line;
 }
 
 }  // namespace
@@ -202,6 +226,7 @@ int main(int argc, char** argv) {
         ->envname("TURNTABLE_NO_PDF");
   };
   RunArguments run;
+  run.command_line = command_line(argc, argv);
   auto* run_verb = app.add_subcommand(
       "run", "Run a scenario or campaign: move, trigger, calibrate, evaluate, report");
   run_verb->add_option("scenario", run.scenario, "scenario or campaign file")->required();
@@ -232,6 +257,7 @@ int main(int argc, char** argv) {
   run_verb->callback([&] { code = guarded([&] { return run_command(run); }); });
 
   ResumeArguments resume;
+  resume.command_line = command_line(argc, argv);
   auto* resume_verb = app.add_subcommand(
       "resume", "Go on with a run that was paused, interrupted, or killed by whatever");
   resume_verb->add_option("run", resume.run, "run folder")->required();
@@ -313,8 +339,9 @@ int main(int argc, char** argv) {
   report_verb->add_option("--beside", report.beside,
                           "of one run: others whose cameras and solvers its tables have beside its "
                           "own");
-  report_verb->add_option("--out", report.out,
-                          "of two runs: folder to write to (default: A/compare_<name of B>)");
+  report_verb->add_option(
+      "--out", report.out,
+      "of two runs: folder to write to (default: A/compare_<name and uid of B>)");
   without_pdf(*report_verb, report.no_pdf);
   report_verb->footer(
       "Examples:\n  turntable report results/runs/20260131T120000Z-quick\n"

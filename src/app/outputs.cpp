@@ -62,10 +62,23 @@ std::optional<CalibrationSet> sweep_behind(const Calibration& calibration, const
   return sweep_set(record, folder, rig);
 }
 
+/// Before another calibration takes its place: it cannot be made again.
+void keep_given_calibration(const RunFolder& folder, const std::string& given_sha256,
+                            const std::string& next) {
+  if (given_sha256.empty() || fs::exists(folder.given_calibration()) ||
+      !fs::exists(folder.calibration()))
+    return;
+  const std::string given = read_text(folder.calibration());
+  if (given != next && sha256_hex(given) == given_sha256)
+    write_atomically(folder.given_calibration(), given);
+}
+
 /// Of a run that is there already, from its stored points.
 CameraComparison stored_comparison(const RunFolder& folder) {
   const StoredRun run = stored_run(folder, {&default_solver()});  // for the points
-  return compare_cameras(run.evaluation, run.rig, run.calibration);
+  CameraComparison out = compare_cameras(run.evaluation, run.rig, run.calibration);
+  out.run = folder.root().string();
+  return out;
 }
 
 Json noise_json(const NoiseOptions& noise) {
@@ -168,6 +181,15 @@ Results make_results(const RunFolder& folder, OutputOptions options) {
   if (options.calibration) {
     out.calibration = *options.calibration;
     out.set = sweep_behind(out.calibration, out.record, folder, out.rig);
+  } else if (const std::string given = given_calibration_sha256(out.record); !given.empty()) {
+    const fs::path first = folder.first_calibration();
+    out.calibration = load_calibration(first);
+    if (sha256_hex(read_text(first)) != given)
+      throw ConfigError(first.string(), "",
+                        "is not the calibration that the run began with. Restore it from a copy, "
+                        "or name one with "
+                        "--calibration.");
+    out.set = sweep_behind(out.calibration, out.record, folder, out.rig);
   } else if (has_calibration_sweep(plan)) {
     ProgressLine line("calibrating");
     out.set = sweep_set(out.record, folder, out.rig, [&](std::size_t done, std::size_t total) {
@@ -229,12 +251,14 @@ int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrit
   EvaluationRecord how;
   if (rewrite == Rewrite::kAll) {
     const std::string calibration = calibration_to_json(made.calibration);
+    const std::string given = given_calibration_sha256(made.record);
+    keep_given_calibration(folder, given, calibration);
     write_atomically(folder.calibration(), calibration);
     write_poses_csv(made.evaluation, plan, folder.poses());
     how.journal_lines = made.record.journal.next_seq - 1;
     how.solvers = made.evaluation.solvers;
     how.poses_sha256 = sha256_hex(read_text(folder.poses()));
-    if (options.calibration || !has_calibration_sweep(plan))
+    if (options.calibration || !given.empty() || !has_calibration_sweep(plan))
       how.calibration_sha256 = sha256_hex(calibration);
     how.poses_by = program_provenance();
     if (made.noise) {

@@ -62,6 +62,11 @@ void verify_outputs(const RunFolder& folder, RunFindings& findings) {
         how.journal_lines, record.journal.next_seq - 1, folder.root().string()));
     return;
   }
+  if (fs::exists(folder.given_calibration(), error) &&
+      sha256_hex(read_text(folder.given_calibration())) != given_calibration_sha256(record))
+    findings.damage.push_back(
+        fmt::format("{}: is not the calibration that the run began with. Restore it from a copy.",
+                    folder.given_calibration().string()));
   OutputOptions options;
   options.evaluate.solvers = how.solvers;
   if (!how.calibration_sha256.empty()) {
@@ -73,8 +78,7 @@ void verify_outputs(const RunFolder& folder, RunFindings& findings) {
           "evaluation.json. " +
               advice(folder, how.poses_by));
     options.calibration = load_calibration(folder.calibration());
-    const auto at_start =
-        Json::parse(record.start_document).value("/provenance/calibration_sha256"_json_pointer, "");
+    const std::string at_start = given_calibration_sha256(record);
     if (!at_start.empty() && at_start != found)
       findings.remarks.push_back(
           fmt::format("{}: is not the one that the run began with", folder.calibration().string()));

@@ -247,6 +247,19 @@ CalibrationSet sweep_set(const RunRecord& record, const RunFolder& folder, const
     }
     poses.push_back(&pose);
   }
+  std::set<double> heights, wanted;
+  for (const TakenPose* pose : poses) heights.insert(pose->planned.stage_mm);
+  for (const PlannedPose& pose : record.plan.poses)
+    if (record.plan.scenario_of(pose).kind == ScenarioKind::kCalibration)
+      wanted.insert(pose.stage_mm);
+  if (!record.complete() && heights.size() < 2 && wanted.size() > heights.size())
+    throw ConfigError(
+        folder.root().string(), "",
+        fmt::format(
+            "ended early: {} of {} poses were taken, and of its calibration sweep {} of {} planes. "
+            "\"turntable resume {}\" takes the rest; or name a calibration with --calibration.",
+            record.poses_taken(), record.plan.poses.size(), heights.size(), wanted.size(),
+            folder.root().string()));
   if (poses.empty())
     throw ConfigError(set.name, "",
                       "holds no images of a calibration sweep. Run a campaign with a calibration "

@@ -28,6 +28,7 @@ struct CameraSolverCell {
 };
 
 struct CameraComparison {
+  std::string run;                      ///< its folder, of a run that is set beside another one
   std::string rig;                      ///< its title
   std::vector<std::string> cameras;     ///< simplest first: "pinhole", the undistorting one, "irt"
   std::vector<const Solver*> solvers;   ///< posit, aopit, aopit_ray, ml_ray, opencv_sqpnp

@@ -271,6 +271,17 @@ RunRecord read_run(const RunFolder& folder) {
   return record;
 }
 
+std::filesystem::path RunFolder::first_calibration() const {
+  std::error_code unreadable;
+  return std::filesystem::exists(given_calibration(), unreadable) ? given_calibration()
+                                                                  : calibration();
+}
+
+std::string given_calibration_sha256(const RunState& run) {
+  if (run.start_document.empty()) return {};
+  return Json::parse(run.start_document).value("/provenance/calibration_sha256"_json_pointer, "");
+}
+
 std::filesystem::path source_file(const RunState& run, const std::filesystem::path& name) {
   if (name.is_absolute() || run.start_document.empty()) return name;
   const std::filesystem::path there =
@@ -290,7 +301,16 @@ Image load_image(const RunFolder& folder, const TakenImage& image) {
         folder.root().string(), "",
         "the images of this run were not archived. Run it again with images archived as regions or "
         "in full.");
-  return load_image(folder.root() / image.file, image.sha256);
+  const std::filesystem::path file = folder.root() / image.file;
+  std::error_code unreadable;
+  if (!std::filesystem::exists(file, unreadable))
+    throw ConfigError(
+        file.string(), "",
+        fmt::format(
+            "is not there, and the journal has it. Restore it from a copy; \"turntable verify {}\" "
+            "tells its pose, and \"turntable resume {}\" takes that again.",
+            folder.root().string(), folder.root().string()));
+  return load_image(file, image.sha256);
 }
 
 }  // namespace turntable

@@ -39,6 +39,10 @@ class RunFolder {
   std::filesystem::path journal() const { return root_ / "journal.jsonl"; }
   std::filesystem::path images() const { return root_ / "images"; }
   std::filesystem::path calibration() const { return outputs_ / "calibration.json"; }
+  /// What the run was given when it began, kept once it is evaluated with another one.
+  std::filesystem::path given_calibration() const { return root_ / "given_calibration.json"; }
+  /// The one of the two that it began with.
+  std::filesystem::path first_calibration() const;
   std::filesystem::path evaluation() const { return outputs_ / "evaluation.json"; }
   std::filesystem::path poses() const { return outputs_ / "poses.csv"; }
   std::filesystem::path noise_spots() const { return outputs_ / "noise_spots.csv"; }
@@ -193,6 +197,8 @@ RunState read_run_state(const RunFolder& folder, const VisitPose& visit = {},
 /// All of it. @throws ConfigError as above.
 RunRecord read_run(const RunFolder& folder);
 
+/// SHA-256 of the calibration that the run was given when it began; empty if it was given none.
+std::string given_calibration_sha256(const RunState& run);
 /// A file that the plan names. A relative name counts from the folder that the run was started in; if it is not there
 /// (the project was moved), or the journal does not say where that was, from the current one.
 std::filesystem::path source_file(const RunState& run, const std::filesystem::path& name);

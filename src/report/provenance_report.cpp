@@ -5,20 +5,12 @@
 #include <nlohmann/json.hpp>
 
 #include "src/core/json_document.h"
+#include "src/evaluation/calibration_set.h"
+#include "src/record/sha256.h"
+#include "src/report/table.h"
 
 namespace turntable {
 namespace {
-
-/// Text of anybody's choice in a cell of a table, as it is.
-std::string verbatim(const std::string& text) {
-  std::string out;
-  for (const char c : text)
-    if (c == '|')
-      out += "\\|";
-    else
-      out += c == '\n' || c == '`' ? ' ' : c;
-  return out.empty() ? "-" : fmt::format("`{}`", out);
-}
 
 std::string row(std::string_view what, const std::string& text) {
   return fmt::format("| {} | {} |\n", what, text);
@@ -34,9 +26,9 @@ std::string program_text(const Json& p) {
 
 /// As it was given, and the folder that its paths are relative to.
 std::string command_text(const Json& p) {
-  const std::string command = verbatim("turntable " + p.value("command", "?"));
+  const std::string command = markdown_text("turntable " + p.value("command", "?"));
   const std::string folder = p.value("folder", "");
-  return folder.empty() ? command : fmt::format("{} in {}", command, verbatim(folder));
+  return folder.empty() ? command : fmt::format("{} in {}", command, markdown_text(folder));
 }
 
 std::string libraries_text(const Json& p) {
@@ -47,7 +39,23 @@ std::string libraries_text(const Json& p) {
   return fmt::format("{}", fmt::join(names, ", "));
 }
 
-std::string run_table(const RunRecord& record, const Json& start, const Json& p) {
+/// Of the file that was written.
+std::string sha256_of(const Calibration& calibration) {
+  return sha256_hex(calibration_to_json(calibration));
+}
+
+std::string calibration_row(const RunRecord& record, const Calibration& calibration) {
+  if (const std::string other = other_calibration_text(record, calibration); !other.empty())
+    return other;
+  return fmt::format("{}, SHA-256 `{}`",
+                     given_calibration_sha256(record).empty() && has_calibration_sweep(record.plan)
+                         ? "from the run's own sweep"
+                         : "the one that the run began with",
+                     sha256_of(calibration));
+}
+
+std::string run_table(const RunRecord& record, const Json& start, const Json& p,
+                      const Calibration& calibration) {
   std::string md = "| what | value |\n|---|---|\n";
   md += row("plan", fmt::format("{}, {} poses, SHA-256 `{}`", record.plan.name,
                                 record.plan.poses.size(), start.value("plan_sha256", "?")));
@@ -62,16 +70,17 @@ std::string run_table(const RunRecord& record, const Json& start, const Json& p)
     if (s == 0 || program_text(of_session) != program_text(p))
       md += row("program" + which, program_text(of_session));
     if (s == 0 || of_session.value("host", "") != p.value("host", ""))
-      md += row("computer" + which, verbatim(of_session.value("host", "")));
+      md += row("computer" + which, markdown_text(of_session.value("host", "")));
     for (const std::string& change :
          of_session.value("accepted_changes", std::vector<std::string>{}))
-      md += row("accepted change" + which, verbatim(change));
+      md += row("accepted change" + which, markdown_text(change));
   }
   md += row("libraries", libraries_text(p));
+  md += row("calibration", calibration_row(record, calibration));
   if (start.value("simulated", false))
     md += row("seed of the simulation", fmt::format("{}", p.value("seed", Json()).dump()));
   for (const std::string& device : start.value("devices", std::vector<std::string>{}))
-    md += row("device", verbatim(device));
+    md += row("device", markdown_text(device));
   md += row("images archived", start.value("archive", "?"));
   return md + "\n";
 }
@@ -112,27 +121,35 @@ std::string camera_text(const Json& camera) {
 std::string files_table(const Json& p) {
   std::string md = "| file | SHA-256 |\n|---|---|\n";
   const auto file = [&](const Json& frozen) {
-    md += fmt::format("| {} | `{}` |\n", verbatim(frozen.value("file", "")),
+    md += fmt::format("| {} | `{}` |\n", markdown_text(frozen.value("file", "")),
                       frozen.value("sha256", ""));
   };
   if (p.contains("rig")) file(p.at("rig"));
   for (const Json& source : p.value("sources", Json::array())) file(source);
-  if (p.contains("calibration_sha256"))
-    md += fmt::format("| the calibration that was given | `{}` |\n",
-                      p.at("calibration_sha256").get<std::string>());
   return md + "\n";
 }
 
 }  // namespace
 
-std::string provenance_text(const RunRecord& record) {
+std::string other_calibration_text(const RunRecord& record, const Calibration& calibration) {
+  const std::string given = given_calibration_sha256(record), used = sha256_of(calibration);
+  const bool own = given.empty() && has_calibration_sweep(record.plan);
+  if (own ? calibration.source == calibration_source(record.plan) : given.empty() || given == used)
+    return {};
+  return fmt::format("another one than {}: that of {}, SHA-256 `{}`",
+                     own ? std::string("the run's own sweep gives")
+                         : fmt::format("the run began with (SHA-256 `{}`)", given),
+                     markdown_text(calibration.source), used);
+}
+
+std::string provenance_text(const RunRecord& record, const Calibration& calibration) {
   std::string md = "## Provenance\n\n";
   if (record.start_document.empty()) {
     md += "The journal has no start document.\n\n";
   } else {
     const Json start = Json::parse(record.start_document);
     const Json p = start.value("provenance", Json::object());
-    md += run_table(record, start, p);
+    md += run_table(record, start, p, calibration);
     if (p.contains("axes")) md += axes_table(p.at("axes"));
     if (p.contains("camera")) md += camera_text(p.at("camera"));
     md += files_table(p);

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "src/evaluation/clustered_bootstrap.h"
 #include "src/record/atomic_file.h"
 #include "src/record/csv.h"
 #include "src/record/folder.h"
@@ -78,6 +79,41 @@ std::string simulation_budget(const RigFile& rig) {
   return md;
 }
 
+/// Which solver has the smallest total RMSE: over the poses that all of them have measured, since a solver that fails
+/// where it is difficult would look better than one that does not.
+std::string smallest_text(const Evaluation& evaluation) {
+  std::vector<double> squares(evaluation.solvers.size());
+  std::size_t poses = 0, common = 0;
+  for (const EvaluatedPose& pose : evaluation.poses) {
+    if (pose.planned.role != PoseRole::kMeasure) continue;
+    ++poses;
+    if (!std::ranges::all_of(pose.results, &PoseResult::measured)) continue;
+    ++common;
+    for (std::size_t k = 0; k < squares.size(); ++k)
+      squares[k] += squared_error(pose.results[k].error);
+  }
+  if (common == 0)
+    return "No pose was measured by every solver: their totals are over different poses.";
+  const auto rmse_deg = [&](std::size_t k) {
+    return std::sqrt(squares[k] / static_cast<double>(common));
+  };
+  const auto best = static_cast<std::size_t>(std::ranges::min_element(squares) - squares.begin());
+  std::string md = fmt::format(
+      "**Smallest total RMSE over {}: `{}`, {:.4f} deg",
+      common == poses
+          ? fmt::format("all {} poses", poses)
+          : fmt::format("the {} of {} poses that every solver has measured", common, poses),
+      evaluation.solvers[best]->name, rmse_deg(best));
+  if (const Solver* first = evaluation.solvers.front(); best != 0)
+    md += fmt::format("; `{}`, {}, has {:.4f} deg", first->name,
+                      first->name == "posit" ? "the paper's comparison" : "the first of the table",
+                      rmse_deg(0));
+  md += ".**";
+  if (common < poses)
+    md += " The rows below are over what each solver has measured, and are not of the same poses.";
+  return md;
+}
+
 /// Per solver the total RMSE of every scenario, all repeats together: what a reader wants to know
 /// first.
 std::string summary_text(const RunRecord& record, const Evaluation& evaluation,
@@ -115,24 +151,11 @@ std::string summary_text(const RunRecord& record, const Evaluation& evaluation,
       md += fmt::format(
           " Camera: {:.4f} mm rms on the plane at {:.0f} mm that was kept out of the fit.",
           p.rms_mm, p.z_mm);
+  if (const std::string other = other_calibration_text(record, calibration); !other.empty())
+    md += fmt::format("\n\n**The calibration of the camera is {}.**", other);
   if (all.empty()) return md + "\n\n";
 
-  const Solver* best = nullptr;
-  for (const Solver* s : evaluation.solvers)
-    if (std::isfinite(all[s].rmse_deg()) &&
-        (best == nullptr || all[s].rmse_deg() < all[best].rmse_deg()))
-      best = s;
-  const Solver* first = evaluation.solvers.front();
-  if (best != nullptr) {
-    md += fmt::format("\n\n**Smallest total RMSE over all scenarios: `{}`, {:.4f} deg", best->name,
-                      all[best].rmse_deg());
-    if (best != first && std::isfinite(all[first].rmse_deg()))
-      md +=
-          fmt::format("; `{}`, {}, has {:.4f} deg", first->name,
-                      first->name == "posit" ? "the paper's comparison" : "the first of the table",
-                      all[first].rmse_deg());
-    md += ".**";
-  }
+  md += "\n\n" + smallest_text(evaluation);
   md += "\n\n| total RMSE / deg | all | poses | failed |";
   std::string line = "|---|--:|--:|--:|";
   for (const std::size_t s : scenarios) {
@@ -153,6 +176,11 @@ std::string summary_text(const RunRecord& record, const Evaluation& evaluation,
 }
 
 std::string failures_text(const Evaluation& evaluation, const Plan& plan) {
+  const auto kind = [](PoseRole role) {
+    return role == PoseRole::kReference ? ", initial pose"
+           : role == PoseRole::kReturn  ? ", return to zero"
+                                        : "";
+  };
   std::map<std::string, std::size_t> counts;
   std::size_t rows = 0, outside = 0, missed = 0;
   for (const EvaluatedPose& pose : evaluation.poses) {
@@ -161,13 +189,15 @@ std::string failures_text(const Evaluation& evaluation, const Plan& plan) {
     for (const PoseResult& r : pose.results) {
       ++rows;
       if (!r.measured)
-        ++counts[fmt::format("{}: {} ({})", plan.scenario_of(pose.planned).name, r.status,
-                             r.solver->name)];
+        ++counts[fmt::format("{}: {}{} ({})", plan.scenario_of(pose.planned).name, r.status,
+                             kind(pose.planned.role), r.solver->name)];
     }
   }
   std::string md;
   if (counts.empty()) md += fmt::format("No failed pose among {} results.\n", rows);
   for (const auto& [what, count] : counts) md += fmt::format("- {} x {}\n", count, what);
+  if (!counts.empty())
+    md += "\nThe tables of errors count neither initial poses nor returns to zero.\n";
   md += fmt::format(
       "\n{} of {} poses had a spot outside the calibrated area (flagged `in_domain` = 0). {} poses "
       "had an axis outside "
@@ -255,11 +285,15 @@ std::string statistics_text(const std::vector<WrittenTable>& tables) {
   constexpr std::array<std::pair<std::string_view, std::string_view>, 4> kBeyond{{
       {"statistics",
        "Intervals come from drawing angles again, each with all of its repeats. The error of a "
-       "repeat's initial pose is in all of its poses alike, and no interval knows of it."},
+       "repeat's initial pose is in all of its poses alike, and no interval knows of it. From "
+       "fewer "
+       "than some ten angles they are too narrow."},
       {"repeatability",
        "Where axes are approached from one side, forward and backward should be the same; an "
        "interval "
-       "that does not hold zero says that they are not. Where rows alternate, an error that bends "
+       "that does not hold zero says that they are not, once in twenty by chance. It is by least "
+       "squares with Student's t, each repeat with a term of its own. Where rows alternate, an "
+       "error that bends "
        "with another axis can look like it: the file has the level \"self-calibrated\", where it "
        "does not."},
       {"paired",
@@ -278,9 +312,10 @@ std::string statistics_text(const std::vector<WrittenTable>& tables) {
     const auto known =
         std::ranges::find(kBeyond, t.name, &std::pair<std::string_view, std::string_view>::first);
     if (known != kBeyond.end())
-      beyond += fmt::format("### {}\n\n{}\n\n{}\n", t.title, known->second, t.markdown);
+      beyond +=
+          fmt::format("### {}\n\n{}\n\n{}\n", markdown_text(t.title), known->second, t.markdown);
     else if (std::ranges::find(kOwnSection, t.name) == kOwnSection.end())
-      published += fmt::format("### {}\n\n{}\n", t.title, t.markdown);
+      published += fmt::format("### {}\n\n{}\n", markdown_text(t.title), t.markdown);
   }
   return published +
          "## Beyond the published tables\n\nLevel \"as published\"; the files of the same names in "
@@ -315,8 +350,11 @@ std::string counted_poses(const std::vector<CameraComparison>& comparisons) {
                                                    : " and",
                       comparisons[i].cells.empty() ? 0 : comparisons[i].cells.front().poses);
   md += fmt::format(
-      "{}, all scenarios and repeats together without the initial poses, less those that failed. ",
+      "{}, all scenarios and repeats together without the initial poses; those that failed are "
+      "counted, and in no RMSE. ",
       comparisons.size() > 1 ? ", run by run" : "");
+  for (std::size_t i = 1; i < comparisons.size(); ++i)
+    md += fmt::format("Run {} is {}. ", i + 1, markdown_text(comparisons[i].run));
   const std::vector<std::string>& cameras = comparisons.front().cameras;
   const auto same = [&](const std::string& camera, const char* solver, const char* row) {
     return fmt::format("{} x {} = `{}`, ", camera, solver, row);
@@ -367,15 +405,15 @@ std::filesystem::path write_report(const RunFolder& folder, const Results& resul
   const std::vector<Figure> figures = draw(folder.figures(), drafts);
   remove_earlier_figures(folder, record.plan, figures);
 
-  std::string md =
-      fmt::format("# {}\n\n", record.plan.title.empty() ? record.plan.name : record.plan.title);
+  std::string md = fmt::format(
+      "# {}\n\n", markdown_text(record.plan.title.empty() ? record.plan.name : record.plan.title));
   if (rig.simulated())
     md += fmt::format(
         "**Simulated.** Rig \"{}\", seed {}. No hardware took part; the section \"Simulated error "
         "budget\" lists what is wrong with this rig on purpose.\n\n",
-        rig.title, rig.simulation->seed);
+        markdown_text(rig.title), rig.simulation->seed);
   else
-    md += fmt::format("Rig \"{}\".\n\n", rig.title);
+    md += fmt::format("Rig \"{}\".\n\n", markdown_text(rig.title));
   md += "## At a glance\n\n" + summary_text(record, evaluation, calibration);
 
   md +=
@@ -387,13 +425,19 @@ std::filesystem::path write_report(const RunFolder& folder, const Results& resul
       "noise of that one measurement is in every row of its repeat. The turntable's angles are the "
       "controllers' "
       "pulse counters (open loop): their agreement with a target says nothing about the "
-      "mechanics.\n\n"
-      "`posit` works on raw pixels of a pinhole without distortion, as the paper's comparison "
-      "does; "
-      "`posit_undistorted` has the full pinhole calibration. The difference between the two is the "
-      "camera model's, "
-      "not the solver's. The published rows come from another rig: they are a yardstick, not a "
-      "competitor.\n\n";
+      "mechanics.\n\n";
+  const auto has = [&](std::string_view name) {
+    return std::ranges::find(evaluation.solvers, name, &Solver::name) != evaluation.solvers.end();
+  };
+  if (has("posit") && has("posit_undistorted"))
+    md +=
+        "`posit` works on raw pixels of a pinhole without distortion, as the paper's comparison "
+        "does; "
+        "`posit_undistorted` has the full pinhole calibration. The difference between the two is "
+        "the "
+        "camera model's, "
+        "not the solver's.\n\n";
+  md += "Published rows come from another rig: they are a yardstick, not a competitor.\n\n";
   md += statistics_text(tables);
 
   if (const WrittenTable* t = find_table(tables, "camera_solver"))
@@ -420,15 +464,21 @@ std::filesystem::path write_report(const RunFolder& folder, const Results& resul
 
   const auto behind = figures.begin() + static_cast<std::ptrdiff_t>(of_paper);
   md += "\n## Figures\n\n### As in the paper\n\n" + figures_markdown({figures.begin(), behind});
+  if (!set && given_calibration_sha256(record).empty() && has_calibration_sweep(record.plan) &&
+      other_calibration_text(record, calibration).empty())
+    md +=
+        "Figures 8 to 10, and where the points of the calibration lie, are left out: images of the "
+        "pattern are not "
+        "there.\n\n";
   if (no_spots)
     md +=
         "The spots in their images (as figure 12) are left out: no image of the motion that they "
-        "would show is archived.\n\n";
+        "would show is there.\n\n";
   md += "### Beyond the paper\n\n" + figures_markdown({behind, figures.end()});
   if (rig.simulation && rig.simulated())
     md += "## Simulated error budget\n\n" + simulation_budget(rig) + "\n";
-  md +=
-      time_text(record) + telemetry_text(record) + sessions_text(record) + provenance_text(record);
+  md += time_text(record) + telemetry_text(record) + sessions_text(record) +
+        provenance_text(record, calibration);
   write_atomically(folder.report(), md);
   if (printer != nullptr) printer->load(page_for_paper(folder.report()));
   const Json poses = pose_data(folder, record, evaluation);

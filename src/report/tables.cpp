@@ -29,7 +29,7 @@ struct Row {
 
 /// Published values have three decimals, and no count of poses.
 Row published_row(const PublishedRow& p) {
-  Row row{p.method, {"published", p.method, std::int64_t{p.repeat}}};
+  Row row{p.method, {"published", p.method, {}, std::int64_t{p.repeat}}};
   for (const double v : {p.max_pitch_deg, p.max_roll_deg, p.max_yaw_deg, p.rmse_pitch_deg,
                          p.rmse_roll_deg, p.rmse_yaw_deg, p.rmse_total_deg})
     row.cells.emplace_back(Rounded{v, 3});
@@ -37,23 +37,24 @@ Row published_row(const PublishedRow& p) {
   return row;
 }
 
-Row our_row(const RepeatStatistics& r, int repeat) {
+Row our_row(const RepeatStatistics& r, const std::string& scenario, int repeat) {
   const ErrorStatistics& s = r.statistics;
   Row row{std::string(r.solver->name),
-          {"ours", std::string(r.solver->name), std::int64_t{repeat}, s.pitch.max_signed_deg,
-           s.roll.max_signed_deg, s.yaw.max_signed_deg, s.pitch.rmse_deg, s.roll.rmse_deg,
-           s.yaw.rmse_deg, s.rmse_total_deg, static_cast<std::int64_t>(s.poses),
+          {"ours", std::string(r.solver->name), scenario, std::int64_t{repeat},
+           s.pitch.max_signed_deg, s.roll.max_signed_deg, s.yaw.max_signed_deg, s.pitch.rmse_deg,
+           s.roll.rmse_deg, s.yaw.rmse_deg, s.rmse_total_deg, static_cast<std::int64_t>(s.poses),
            static_cast<std::int64_t>(s.failed)}};
   return row;
 }
 
 /// The form of Tables 3 to 5.
-Table errors_table(const std::string& name, const std::string& title,
+Table errors_table(const std::string& name, const std::string& title, bool of_several,
                    const std::vector<Row>& rows) {
   Table table{name,
               title,
               {{"source", "source"},
                {"method", "method"},
+               {"scenario", of_several ? "scenario" : ""},
                {"repeat", "repeat"},
                {"max_pitch_deg", "max pitch / deg"},
                {"max_roll_deg", "max roll / deg"},
@@ -108,7 +109,7 @@ std::int64_t whole(std::size_t count) { return static_cast<std::int64_t>(count);
 Table camera_solver_table(const std::vector<CameraComparison>& comparisons) {
   Table table{"camera_solver",
               "Camera model and solver: which of the two gains what",
-              {{"run", ""},  // 1 = this run
+              {{"run", comparisons.size() > 1 ? "Run" : ""},  // 1 = this run
                {"", comparisons.size() > 1 ? "Rig" : ""},
                {"camera", "Camera"},
                {"solver", "Solver"},
@@ -266,6 +267,7 @@ void write_error_tables(const RunFolder& folder, const Plan& plan, const Evaluat
   std::map<std::string, std::map<std::pair<std::size_t, int>, int>>
       numbers;                           // repeats numbered on over scenarios
   std::map<std::string, int> published;  // number of the published table, by table name
+  std::map<std::string, std::vector<std::size_t>> scenarios;  // by table name
   std::vector<std::string> order{"table3", "table4", "table5"};
   for (const RepeatStatistics& r : repeat_statistics(evaluation)) {
     const ScenarioInfo& scenario = plan.scenarios[r.scenario];
@@ -275,11 +277,13 @@ void write_error_tables(const RunFolder& folder, const Plan& plan, const Evaluat
     titles[name] = scenario.table ? fmt::format("Table {}: {}", *scenario.table,
                                                 published_table(*scenario.table).title)
                                   : scenario.title;
+    if (auto& of = scenarios[name]; std::ranges::find(of, r.scenario) == of.end())
+      of.push_back(r.scenario);
     auto& numbered = numbers[name];
     const int next = static_cast<int>(numbered.size()) + 1;
     const int repeat = numbered.try_emplace({r.scenario, r.repeat}, next).first->second;
     if (ours[name].empty() && !scenario.table) order.push_back(name);
-    ours[name].push_back(our_row(r, repeat));
+    ours[name].push_back(our_row(r, scenario.name, repeat));
   }
   for (const std::string& name : order) {
     if (!ours.contains(name)) continue;
@@ -291,7 +295,19 @@ void write_error_tables(const RunFolder& folder, const Plan& plan, const Evaluat
     for (const Solver* solver : evaluation.solvers)
       for (const Row& r : ours[name])
         if (r.method == solver->name) rows.push_back(r);
-    written.push_back(write_table(errors_table(name, titles[name], rows), folder.tables()));
+    const std::vector<std::size_t>& of = scenarios[name];
+    WrittenTable table =
+        write_table(errors_table(name, titles[name], of.size() > 1, rows), folder.tables());
+    if (published.contains(name)) {  // its title is the paper's, and tells the paper's motion
+      std::string ours_are;
+      for (const std::size_t s : of)
+        ours_are += fmt::format("{}{}", ours_are.empty() ? "" : "; ",
+                                markdown_text(plan.scenarios[s].title));
+      table.markdown = fmt::format(
+          "Ours: {}.{}\n\n{}", ours_are,
+          of.size() > 1 ? " Repeats are numbered on from one to the next." : "", table.markdown);
+    }
+    written.push_back(std::move(table));
   }
 }
 
@@ -316,14 +332,16 @@ void write_statistics(const RunFolder& folder, const Results& results,
       return c.first != results.evaluation.solvers.front();
     });
   write(paired_table(results.statistics, plan), without_level(paired_table({shown}, plan)));
-  std::erase_if(shown.scenarios, [](const ScenarioStatistics& s) {
+  const auto tells_nothing = [](const ScenarioStatistics& s) {
     return std::ranges::none_of(s.axes, [](const AxisDetail& a) {
       return std::isfinite(a.repeatability_deg) ||
              std::isfinite(a.forward_minus_backward_deg.value);
     });
-  });
-  write(repeatability_table(results.statistics, plan),
-        without_level(repeatability_table({shown}, plan)));
+  };
+  std::erase_if(shown.scenarios, tells_nothing);
+  std::vector<LevelStatistics> telling = results.statistics;
+  for (LevelStatistics& level : telling) std::erase_if(level.scenarios, tells_nothing);
+  write(repeatability_table(telling, plan), without_level(repeatability_table({shown}, plan)));
   const Table iso = iso230_table(iso230(results.evaluation, plan), plan);
   write(iso, table_markdown(iso));
 }

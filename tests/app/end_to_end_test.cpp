@@ -17,6 +17,7 @@ namespace {
 namespace fs = std::filesystem;
 using ::testing::ContainsRegex;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 const fs::path kSource = TURNTABLE_SOURCE_DIR;
 constexpr const char* kTables[] = {"table1.csv", "table3.csv",           "table4.csv",
@@ -240,6 +241,45 @@ TEST(SingleScenario, CalibratesFirstAndReportsTheChosenSolversOnly) {
     EXPECT_TRUE(fs::exists(figures / file)) << file;
   const Outcome verified = turntable_program("verify " + (folder / "run").string());
   EXPECT_EQ(verified.code, 0) << verified.output;
+}
+
+TEST(SingleScenario, KeepsTheCalibrationThatItWasGivenAndATitleAsItStands) {
+  TemporaryFolder folder;
+  ASSERT_EQ(run(folder / "first", "simulated", "--solver ml_ray", "quick/uniaxial_x").code, 0);
+  const fs::path given = folder / "first/calibration.json";
+  std::string scenario = slurp(kSource / "scenarios/quick/uniaxial_x.json");
+  const std::size_t title = scenario.find("\"title\": \"") + 10;
+  scenario.replace(title, scenario.find('"', title) - title, "Pitch in [-30, 30) | *deg*");
+  spill(folder / "scenario.json", scenario);
+  const std::string at = (folder / "run").string();
+  const Outcome taken =
+      turntable_program("run " + (folder / "scenario.json").string() +
+                        " --rig scenarios/rigs/simulated.json --solver ml_ray --calibration " +
+                        given.string() + " --out " + at);
+  ASSERT_EQ(taken.code, 0) << taken.output;
+  const std::string page = slurp(folder / "run/report.html"),
+                    report = slurp(folder / "run/report.md");
+  EXPECT_THAT(page, HasSubstr("<h1"));
+  EXPECT_THAT(page, HasSubstr("Pitch in [-30, 30) | *deg*"));
+  EXPECT_THAT(page, Not(HasSubstr("![")));
+  EXPECT_THAT(report, HasSubstr("--solver ml_ray --calibration " + given.string()));
+  EXPECT_THAT(report, HasSubstr("| calibration | the one that the run began with"));
+
+  std::string other = slurp(given);
+  other.insert(other.find(": \"", other.find("\"source\"")) + 3, "other ");
+  spill(folder / "other.json", other);
+  ASSERT_EQ(
+      turntable_program("evaluate " + at + " --calibration " + (folder / "other.json").string())
+          .code,
+      0);
+  EXPECT_THAT(slurp(folder / "run/report.md"),
+              HasSubstr("**The calibration of the camera is another one"));
+  EXPECT_EQ(slurp(folder / "run/given_calibration.json"), slurp(given));
+  EXPECT_EQ(turntable_program("verify " + at).code, 0);
+  ASSERT_EQ(turntable_program("evaluate " + at).code, 0);
+  EXPECT_EQ(slurp(folder / "run/calibration.json"), slurp(given))
+      << "a plain evaluation goes back to it";
+  EXPECT_THAT(slurp(folder / "run/report.md"), Not(HasSubstr("another one than")));
 }
 
 TEST(CameraThatLosesSight, FailsPosesWithoutDroppingThem) {

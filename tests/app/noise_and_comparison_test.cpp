@@ -15,6 +15,17 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
+/// The only comparison that lies in a run.
+fs::path comparison_in(const fs::path& run) {
+  fs::path found;
+  for (const auto& entry : fs::directory_iterator(run))
+    if (entry.path().filename().string().starts_with("compare_")) {
+      EXPECT_TRUE(found.empty()) << "another one: " << entry.path();
+      found = entry.path();
+    }
+  return found;
+}
+
 /// Runs the quick campaign once for all tests of this file; each has a copy.
 class QuickRun : public ::testing::Test {
  protected:
@@ -173,8 +184,9 @@ TEST_F(QuickRun, IsSetBesideAnotherOneWithWhatDiffers) {
 
   const Outcome outcome = verb("report " + run.string() + " " + other.string() + " --no-pdf");
   EXPECT_EQ(outcome.code, 0) << outcome.output;
-  EXPECT_THAT(outcome.output, HasSubstr("compare_other/comparison.html"));
-  const fs::path compared = run / "compare_other";
+  const fs::path compared = comparison_in(run);
+  EXPECT_THAT(compared.filename().string(), ::testing::StartsWith("compare_other_"));
+  EXPECT_THAT(outcome.output, HasSubstr(compared.filename().string() + "/comparison.html"));
   const std::string table = slurp(compared / "tables/comparison.csv");
   EXPECT_THAT(table, HasSubstr("quick_triaxial_xyz,ml_ray,paired,8,8,0,0,"));
   EXPECT_THAT(table, HasSubstr("change_lower_deg"));
@@ -190,7 +202,14 @@ TEST_F(QuickRun, IsSetBesideAnotherOneWithWhatDiffers) {
   // The runs are as they were.
   EXPECT_EQ(slurp(run / "poses.csv"), poses);
   EXPECT_EQ(slurp(run / "report.md"), report);
-  EXPECT_FALSE(fs::exists(other / "compare_run"));
+  EXPECT_TRUE(comparison_in(other).empty());
+  EXPECT_THAT(text,
+              AllOf(HasSubstr("A is run (simulated), begun 20"),
+                    HasSubstr("B is other (simulated), begun 20"), HasSubstr(other.string())));
+  const Outcome inside =
+      verb("report " + run.string() + " " + other.string() + " --no-pdf --out " + other.string());
+  EXPECT_EQ(inside.code, 2);
+  EXPECT_THAT(inside.output, HasSubstr("which is a run's own folder"));
   EXPECT_EQ(verb("verify " + run.string()).code, 0);
 
   // With itself nothing differs; a PDF of an earlier comparison goes, for it would tell of another.
@@ -217,7 +236,7 @@ TEST_F(QuickRun, IsComparedWithOneThatWasCutOffAsFarAsThatGoes) {
   EXPECT_THAT(outcome.output, HasSubstr("A ended early: "));
   EXPECT_THAT(outcome.output, HasSubstr("journal.jsonl"));  // its last line is no whole one
   EXPECT_THAT(outcome.output, Not(HasSubstr("nan")));
-  const fs::path compared = cut / "compare_run";
+  const fs::path compared = comparison_in(cut);
   EXPECT_THAT(slurp(compared / "comparison.md"),
               AllOf(HasSubstr("a run has measured no pose"), Not(HasSubstr("nan"))));
   EXPECT_THAT(slurp(compared / "tables/comparison.csv"), HasSubstr("missing,0,"));
@@ -228,15 +247,29 @@ TEST_F(QuickRun, IsComparedWithOneThatWasCutOffAsFarAsThatGoes) {
   EXPECT_THAT(slurp(cut / "report.md"), HasSubstr("the run ended early: killed"));
 }
 
-TEST_F(QuickRun, IdentifiedElsewhereSaysThatFilesOfItsRigAreNotThere) {
-  const std::string identify = "identify " + run.string() + " --rig-out ";
-  const Outcome here = verb(identify + (folder / "here.json").string());
-  EXPECT_EQ(here.code, 0) << here.output;
-  EXPECT_THAT(here.output, Not(HasSubstr("which is not there")));
-  const Outcome elsewhere =
-      verb(identify + (folder / "elsewhere.json").string(), "cd " + folder.path().string() + ";");
-  EXPECT_EQ(elsewhere.code, 0) << elsewhere.output;
-  EXPECT_THAT(elsewhere.output, HasSubstr("calibration_sweep.json, which is not there"));
+TEST_F(QuickRun, IdentifiedElsewhereNamesTheFilesOfItsRigAndWhichAreNotThere) {
+  const fs::path elsewhere = folder / "elsewhere.json";
+  const Outcome found =
+      verb("identify " + run.string() + " --rig-out " + elsewhere.string(), "cd /;");
+  EXPECT_EQ(found.code, 0) << found.output;
+  EXPECT_THAT(found.output, Not(HasSubstr("which is not there")));
+  const std::string sweep = "scenarios/calibration_sweep.json";
+  EXPECT_THAT(slurp(elsewhere), HasSubstr(sweep));
+
+  fs::create_directories(folder / "lab");
+  fs::copy(fs::path(TURNTABLE_SOURCE_DIR) / "scenarios", folder / "lab/scenarios",
+           fs::copy_options::recursive);
+  const fs::path taken = folder / "taken";
+  ASSERT_EQ(verb("run scenarios/campaigns/quick.json --rig scenarios/rigs/simulated.json --out " +
+                     taken.string(),
+                 "cd " + (folder / "lab").string() + ";")
+                .code,
+            0);
+  fs::remove(folder / "lab" / sweep);
+  const Outcome lost =
+      verb("identify " + taken.string() + " --rig-out " + (folder / "lost.json").string(), "cd /;");
+  EXPECT_EQ(lost.code, 0) << lost.output;
+  EXPECT_THAT(lost.output, HasSubstr((folder / "lab" / sweep).string() + ", which is not there"));
 }
 
 TEST_F(QuickRun, IsNotComparedWithWhatItCannotBe) {

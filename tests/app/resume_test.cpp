@@ -115,10 +115,12 @@ TEST(Resume, RelativeNamesCountFromWhereTheRunWasStarted) {
   spill(folder / "scenarios/rigs/ideal.json", rig.dump());
   spill(folder / "scenarios/rigs/hall.txt", "21.5\n");
   const Outcome whole = turntable_program(
-      "run scenarios/campaigns/quick.json --rig scenarios/rigs/ideal.json --out run",
+      "run scenarios/campaigns/quick.json --rig scenarios/rigs/ideal.json --solver posit --out run",
       "cd " + (folder / ".").string() + " &&");
   ASSERT_EQ(whole.code, 0) << whole.output;
   cut_journal(folder / "run");
+  std::filesystem::remove(folder / "run/evaluation.json");
+  std::filesystem::remove(folder / "run/poses.csv");
   const std::string resume = "resume " + (folder / "run").string();
   const std::string scenario = slurp(folder / "scenarios/quick/uniaxial_x.json");
   spill(folder / "scenarios/quick/uniaxial_x.json", scenario + " ");
@@ -127,6 +129,8 @@ TEST(Resume, RelativeNamesCountFromWhereTheRunWasStarted) {
   spill(folder / "scenarios/quick/uniaxial_x.json", scenario);
   const Outcome resumed = turntable_program(resume, "cd / &&");
   ASSERT_EQ(resumed.code, 0) << resumed.output;
+  EXPECT_THAT(slurp(folder / "run/evaluation.json"), HasSubstr("\"solvers\": [\n  \"posit\"\n ]"))
+      << "as it was begun";
   const RunRecord record = read_run(RunFolder::open(folder / "run"));
   ASSERT_EQ(record.telemetry.size(), 2u);
   ASSERT_FALSE(record.telemetry[1].readings.empty());
