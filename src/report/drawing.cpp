@@ -75,6 +75,18 @@ Draft& Draft::end_plot() {
   return *this;
 }
 
+Draft& Draft::end_multiplot(double left, const std::vector<KeyEntry>& key) {
+  commands += fmt::format(
+      "reset\nset origin 0,0\nset size 1,1\nset margins 0,0,0,0\nunset border\nunset tics\n"
+      "set xrange [0:1]\nset yrange [0:1]\n"
+      "set key at screen {:.5f},0.97 left top Left reverse samplen 2\n",
+      left);
+  for (const KeyEntry& entry : key) element("1/0 with " + entry.look, {entry.solver, {}});
+  end_plot();
+  commands += "unset multiplot\n";
+  return *this;
+}
+
 const char* solver_colour(std::size_t place) { return kColours[place % kColours.size()]; }
 
 std::string solver_look(const Solver& solver, std::size_t place) {
@@ -84,6 +96,13 @@ std::string solver_look(const Solver& solver, std::size_t place) {
 std::string solver_line(const Solver& solver, std::size_t place) {
   return fmt::format("dt {} lw 1.5 lc rgb '{}' title '{}'", place % 5 + 1, solver_colour(place),
                      solver.name);
+}
+
+std::vector<KeyEntry> key_of_points(const std::vector<const Solver*>& solvers) {
+  std::vector<KeyEntry> key;
+  for (std::size_t k = 0; k < solvers.size(); ++k)
+    key.push_back({"points " + solver_look(*solvers[k], k), std::string(solvers[k]->name)});
+  return key;
 }
 
 std::string image_part(const std::filesystem::path& folder, const std::string& name,

@@ -37,6 +37,12 @@ struct Figure {
   std::vector<Element> elements = {};
 };
 
+/// An entry of a key.
+struct KeyEntry {
+  std::string look;    ///< "points pt 4 title '...'", such as "lines " + `solver_line`
+  std::string solver;  ///< that is hidden with it; empty: of no single solver
+};
+
 /// A figure being made: its data lie in <name>.csv, and gnuplot shows them.
 struct Draft {
   Figure figure;
@@ -49,6 +55,11 @@ struct Draft {
   Draft& element(std::string_view text, Element shows = {}, std::string_view command = "plot");
   /// Ends the plot command.
   Draft& end_plot();
+  /// Draws the key of all panels of a multiplot, which have "set key off", and ends it. It is a panel
+  /// of its own over the whole picture: of a key that is higher than its panel gnuplot leaves entries
+  /// out or puts them on the data.
+  /// @param left of the key, 0 to 1, behind the panels
+  Draft& end_multiplot(double left, const std::vector<KeyEntry>& key);
 };
 
 /// The colour of a solver, by its place among those of the run, in every figure.
@@ -58,6 +69,9 @@ std::string solver_look(const Solver& solver, std::size_t place);
 
 /// "dt 2 lw 1.5 lc rgb '...' title 'posit'": the same of a line.
 std::string solver_line(const Solver& solver, std::size_t place);
+
+/// All solvers of a run, with their marks.
+std::vector<KeyEntry> key_of_points(const std::vector<const Solver*>& solvers);
 
 /// Pixels of a grey image for a figure: writes <folder>/<name>.png and returns the element of the plot
 /// that draws it, in pixels of the whole image with v down ("set yrange [bottom:top]"). gnuplot takes

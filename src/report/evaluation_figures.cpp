@@ -26,12 +26,13 @@ struct FileRows {
 struct PanelGrid {
   std::size_t columns = 1, rows = 1;
   double width = 225, height = 200;  ///< of a panel
-  double left = 80, right = 205, top = 40, bottom = 60;
+  double left = 105, right = 205, top = 40, bottom = 60;
   double beside = 55, below = 70;
 
-  /// As many rows of three as it takes.
+  /// As many rows of three as it takes, or of fewer if three are wider than type on paper allows.
   PanelGrid& of(std::size_t panels) {
     columns = std::min<std::size_t>(3, panels);
+    while (columns > 1 && whole_width() > 1200.0) --columns;
     rows = (panels + columns - 1) / columns;
     return *this;
   }
@@ -51,6 +52,8 @@ struct PanelGrid {
         rows, columns, left / w, 1.0 - right / w, bottom / h, 1.0 - top / h, beside / w, below / h);
   }
   bool leftmost(std::size_t panel) const { return panel % columns == 0; }
+  /// Where the key begins, behind the panels.
+  double key() const { return 1.0 - (right - 10.0) / whole_width(); }
 };
 
 /// The numbers of a scenario, solver by solver, of poses that are judged.
@@ -179,12 +182,15 @@ std::vector<Draft> angle_drafts(const std::filesystem::path& folder, const Plan&
     median(curve, "lw 2.5 lc rgb 'black' notitle");
     draft.end_plot();
   }
-  draft.commands += fmt::format(
-      "set title 'running medians'\nset ylabel '{}'\nset key at screen 0.995,0.95 samplen 2\n",
-      grid.leftmost(panel) ? "error / deg" : "");
-  for (const Curve& curve : curves)
-    median(curve, solver_line(*evaluation.solvers[curve.solver], curve.solver));
-  draft.end_plot().commands += "unset multiplot\n";
+  draft.commands += fmt::format("set title 'running medians'\nset ylabel '{}'\n",
+                                grid.leftmost(panel) ? "error / deg" : "");
+  std::vector<KeyEntry> key;
+  for (const Curve& curve : curves) {
+    const Solver& solver = *evaluation.solvers[curve.solver];
+    median(curve, solver_line(solver, curve.solver));
+    key.push_back({"lines " + solver_line(solver, curve.solver), std::string(solver.name)});
+  }
+  draft.end_plot().end_multiplot(grid.key(), key);
   points.write(folder / "error_angle.csv");
   medians.write(folder / "error_angle_median.csv");
   return {std::move(draft)};
@@ -247,25 +253,30 @@ std::vector<Draft> normality_drafts(const std::filesystem::path& folder, const P
       "follow the diagonal; an S says that tails are short, as of systematic errors.{}",
       plan.scenarios[*scenario].title,
       beyond > 0 ? fmt::format(" {} marks beyond {:g} are outside.", beyond, kShown) : "");
+  const std::string normal = "lines lw 1 dt 3 lc rgb 'black' title 'normal'";
   PanelGrid grid{.height = 260};
   draft.size = grid.of(kToldAxes.size()).size();
   draft.commands = fmt::format(
       "set xlabel 'normal quantile'\nset ylabel 'standardised error'\nset xrange [{0}:{1}]\n"
-      "set yrange [{0}:{1}]\n{2}set key at screen 0.995,0.9\n",
+      "set yrange [{0}:{1}]\n{2}set key off\n",
       -std::min(kShown, 1.06 * reach), std::min(kShown, 1.06 * reach), grid.multiplot());
+  std::map<std::size_t, KeyEntry> of_solvers;
   for (const AxisId axis : kToldAxes) {
     draft.commands += fmt::format("set title '{}'\n", axis_name(axis));
-    draft.element("x with lines lw 1 dt 3 lc rgb 'black' title 'normal'");
+    draft.element("x with " + normal);
     for (const Line& line : lines)
       if (line.axis == axis) {
-        const Solver& solver = *evaluation.solvers[line.solver];
-        draft.element(fmt::format("{} using 3:4 with linespoints lw 0.7 ps 0.55 {}",
-                                  line.rows.every(), solver_look(solver, line.solver)),
-                      {std::string(solver.name), {}});
+        const std::string name(evaluation.solvers[line.solver]->name);
+        const std::string look = "linespoints lw 0.7 ps 0.55 " +
+                                 solver_look(*evaluation.solvers[line.solver], line.solver);
+        draft.element(fmt::format("{} using 3:4 with {}", line.rows.every(), look), {name, {}});
+        of_solvers[line.solver] = {look, name};
       }
-    draft.end_plot().commands += "set key off\nset ylabel ''\n";
+    draft.end_plot().commands += "set ylabel ''\n";
   }
-  draft.commands += "unset multiplot\n";
+  std::vector<KeyEntry> key{{normal, {}}};
+  for (const auto& [solver, entry] : of_solvers) key.push_back(entry);
+  draft.end_multiplot(grid.key(), key);
   csv.write(folder / "error_normal.csv");
   return {std::move(draft)};
 }
@@ -276,6 +287,12 @@ std::vector<Draft> bound_drafts(const std::filesystem::path& folder, const Plan&
   if (judged.rows.empty()) return {};
   // Pale to dark, so that levels are told apart in grey too.
   constexpr std::array kShades{"#c9e3f5", "#56B4E9", "#00466e"};
+  const auto bar_of = [&](TruthLevel level) {
+    return fmt::format("boxes fill solid border lc rgb '#333333' lc rgb '{}' title '{}'",
+                       kShades[static_cast<std::size_t>(level)], truth_level_name(level));
+  };
+  const std::string kBound = "lines lw 2 lc rgb 'black' title 'bound'";
+  const std::string kRepeatable = "lines lw 2 dt 2 lc rgb '#D55E00' title 'with repeatability'";
   Csv csv({"scenario", "solver", "level", "place", "rmse_total_deg", "bound_total_deg",
            "bound_with_repeatability_deg"});
   Draft draft;
@@ -303,9 +320,8 @@ std::vector<Draft> bound_drafts(const std::filesystem::path& folder, const Plan&
     if (std::isfinite(b.total_with_repeatability_deg))
       largest = std::max(largest, b.total_with_repeatability_deg);
   draft.commands = fmt::format(
-      "set style fill solid border lc rgb '#333333'\nset boxwidth 0.26\nset yrange [0:{:.4g}]\n"
-      "set grid noxtics\nset xtics rotate by -30 scale 0\n{}"
-      "set key at screen 0.995,0.95\n",
+      "set boxwidth 0.26\nset yrange [0:{:.4g}]\n"
+      "set grid noxtics\nset xtics rotate by -30 scale 0\nset key off\n{}",
       1.06 * largest, grid.multiplot());
   std::size_t row = 0, panel = 0;
   for (const LevelBound& bound : judged.bounds) {
@@ -339,18 +355,17 @@ std::vector<Draft> bound_drafts(const std::filesystem::path& folder, const Plan&
         csv.text(truth_level_name(level)).number(place, 2).number(rmse_deg, 6);
         csv.number(bound.total_deg, 6).number(bound.total_with_repeatability_deg, 6).end_row();
       }
-      draft.element(fmt::format("{} using 4:5 with boxes lc rgb '{}' title '{}'", rows.every(),
-                                kShades[static_cast<std::size_t>(level)], truth_level_name(level)));
+      draft.element(fmt::format("{} using 4:5 with {}", rows.every(), bar_of(level)));
     }
-    draft.element(
-        fmt::format("{:.8g} with lines lw 2 lc rgb 'black' title 'bound'", bound.total_deg));
-    draft.element(
-        fmt::format("{:.8g} with lines lw 2 dt 2 lc rgb '#D55E00' title 'with repeatability'",
-                    bound.total_with_repeatability_deg));
-    draft.end_plot().commands += "set key off\n";
+    draft.element(fmt::format("{:.8g} with {}", bound.total_deg, kBound));
+    draft.element(fmt::format("{:.8g} with {}", bound.total_with_repeatability_deg, kRepeatable));
+    draft.end_plot();
     ++panel;
   }
-  draft.commands += "unset multiplot\n";
+  std::vector<KeyEntry> key;
+  for (const TruthLevel level : kTruthLevels) key.push_back({bar_of(level), {}});
+  key.insert(key.end(), {{kBound, {}}, {kRepeatable, {}}});
+  draft.end_multiplot(grid.key(), key);
   csv.write(folder / "error_bound.csv");
   return {std::move(draft)};
 }
@@ -385,9 +400,9 @@ std::vector<Draft> repeatability_drafts(const std::filesystem::path& folder, con
   const double largest = common_limit(ends);
   if (std::ranges::max(ends) > largest) draft.figure.caption += kBeyondScale;
   draft.commands = fmt::format(
-      "set yrange [0:{:.4g}]\nset xrange [-0.5:2.5]\nset xtics scale 0 ({})\n{}"
-      "set key at screen 0.995,0.95\n",
+      "set yrange [0:{:.4g}]\nset xrange [-0.5:2.5]\nset xtics scale 0 ({})\nset key off\n{}",
       largest > 0.0 ? 1.1 * largest : 1.0, "'pitch' 0, 'roll' 1, 'yaw' 2", grid.multiplot());
+  std::map<std::size_t, KeyEntry> of_solvers;
   std::size_t row = 0, panel = 0;
   for (const auto& [scenario, of] : by_scenario) {
     draft.commands += fmt::format("set title '{}, {} repeats'\nset ylabel '{}'\n",
@@ -408,15 +423,18 @@ std::vector<Draft> repeatability_drafts(const std::filesystem::path& folder, con
             .number((*found)->axes[a].repeatability_deg, 6);
         csv.integer((*found)->repeats).end_row();
       }
-      draft.element(
-          fmt::format("{0} using 4:($5 > {1:.6g} ? {1:.6g} : $5) with points ps 1.1 lw 1.5 {2}",
-                      rows.every(), largest, solver_look(solver, k)),
-          {std::string(solver.name), {}});
+      const std::string look = "points ps 1.1 lw 1.5 " + solver_look(solver, k);
+      draft.element(fmt::format("{0} using 4:($5 > {1:.6g} ? {1:.6g} : $5) with {2}", rows.every(),
+                                largest, look),
+                    {std::string(solver.name), {}});
+      of_solvers[k] = {look, std::string(solver.name)};
     }
-    draft.end_plot().commands += "set key off\n";
+    draft.end_plot();
     ++panel;
   }
-  draft.commands += "unset multiplot\n";
+  std::vector<KeyEntry> key;
+  for (const auto& [k, entry] : of_solvers) key.push_back(entry);
+  draft.end_multiplot(grid.key(), key);
   csv.write(folder / "error_repeatability.csv");
   return {std::move(draft)};
 }
@@ -507,10 +525,9 @@ std::vector<Draft> drift_drafts(const std::filesystem::path& folder, const RunRe
   const PanelGrid grid{
       .rows = kToldAxes.size(), .width = 750, .height = 170, .top = 15, .below = 20};
   draft.size = grid.size();
-  draft.commands =
-      grid.multiplot() +
-      "set key at screen 0.995,0.97\nset offsets graph 0.02, graph 0.02, graph 0.05, graph 0.05\n"
-      "set xzeroaxis lc rgb '#888888'\nset format x ''\nset autoscale xfix\n";
+  draft.commands = grid.multiplot() +
+                   "set key off\nset offsets graph 0.02, graph 0.02, graph 0.05, graph 0.05\n"
+                   "set xzeroaxis lc rgb '#888888'\nset format x ''\nset autoscale xfix\n";
   std::erase(largest, 0.0);  // measured nothing
   const double limit = common_limit(largest);
   if (!largest.empty() && std::ranges::max(largest) > limit) {
@@ -520,6 +537,10 @@ std::vector<Draft> drift_drafts(const std::filesystem::path& folder, const RunRe
   const auto within = [limit](std::size_t column) {
     return fmt::format("(${0} > {1:.6g} ? {1:.6g} : ${0} < -{1:.6g} ? -{1:.6g} : ${0})", column,
                        limit);
+  };
+  const auto look_of = [&](std::size_t k) {
+    return fmt::format("linespoints ps 0.45 pt {} {}", k + 4,
+                       solver_line(*evaluation.solvers[k], k));
   };
   for (std::size_t a = 0; a < kToldAxes.size(); ++a) {
     draft.commands += fmt::format("set ylabel '{} error / deg'\n", axis_name(kToldAxes[a]));
@@ -531,21 +552,20 @@ std::vector<Draft> drift_drafts(const std::filesystem::path& folder, const RunRe
       const Lines& lines = of_solver[k];
       // With marks: of few poses there is a single block, and no line.
       for (const FileRows& rows : lines.means)
-        draft.element(fmt::format("{} using 5:{} with linespoints ps 0.45 pt {} {}", rows.every(),
-                                  within(a + 6), k + 4,
-                                  &rows == &lines.means.front()
-                                      ? solver_line(solver, k)
-                                      : fmt::format("dt {} lw 1.5 lc rgb '{}' notitle", k % 5 + 1,
-                                                    solver_colour(k))),
+        draft.element(fmt::format("{} using 5:{} with {}", rows.every(), within(a + 6), look_of(k)),
                       {std::string(solver.name), {}});
       if (!lines.return_poses.empty())
-        draft.element(fmt::format("{} using 5:{} with points ps 0.9 pt {} lc rgb '{}' notitle",
-                                  lines.returns.every(), within(a + 6), k + 4, solver_colour(k)),
+        draft.element(fmt::format("{} using 5:{} with points ps 0.9 {}", lines.returns.every(),
+                                  within(a + 6), solver_look(solver, k)),
                       {std::string(solver.name), lines.return_poses});
     }
-    draft.end_plot().commands += "set key off\n";
+    draft.end_plot();
   }
-  draft.commands += "unset multiplot\n";
+  std::vector<KeyEntry> key;
+  for (std::size_t k = 0; k < of_solver.size(); ++k)
+    if (!of_solver[k].means.empty() || !of_solver[k].return_poses.empty())
+      key.push_back({look_of(k), std::string(evaluation.solvers[k]->name)});
+  draft.end_multiplot(grid.key(), key);
   csv.write(folder / "error_drift.csv");
   return {std::move(draft)};
 }

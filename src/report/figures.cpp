@@ -118,8 +118,8 @@ void uniaxial_errors(Draft& draft, const PosePoints& points, const Evaluation& e
   low = std::max(low, -limit);
   high = std::min(high, limit);
   draft.commands =
-      "set multiplot layout 3,1 margins 0.1,0.8,0.08,0.98 spacing 0,0.025\n"
-      "set key at screen 0.99,0.97\nset autoscale xfix\nset offsets graph 0.03, graph 0.03, 0, 0\n"
+      "set multiplot layout 3,1 margins 0.11,0.82,0.105,0.98 spacing 0,0.025\n"
+      "set key off\nset autoscale xfix\nset offsets graph 0.03, graph 0.03, 0, 0\n"
       "set xzeroaxis lc rgb '#888888'\n";
   if (high > low) {
     const double room = 0.06 * (high - low);
@@ -141,9 +141,9 @@ void uniaxial_errors(Draft& draft, const PosePoints& points, const Evaluation& e
                               low, high),
                   "ps 0.55 " + solver_look(solver, k));
     }
-    draft.end_plot().commands += "set key off\n";
+    draft.end_plot();
   }
-  draft.commands += "unset multiplot\n";
+  draft.end_multiplot(0.83, key_of_points(evaluation.solvers));
 }
 
 /// Panels beside and below each other with one colour scale at the right; px.

@@ -16,6 +16,7 @@ namespace {
 constexpr const char* kDetailFigure = "figure17_noise";
 constexpr const char* kCloudFigure = "figure18_noise";
 constexpr std::size_t kCloudPoses = 250;  ///< more hide each other
+constexpr std::size_t kLevelsBeside = 5;  ///< as many as a page is wide for
 
 /// Distance of the ticks of a scale from -`scale` to `scale`: one digit, one or two on either side.
 std::string tick(double scale) {
@@ -51,13 +52,15 @@ void detail_figure(const std::filesystem::path& folder, const NoiseCampaign& cam
       "it, "
       "if one was (as figure 17). Grey levels 0 to 255.",
       detail.pose);
-  const std::size_t count = campaign.levels.size();
-  draft.size = fmt::format("{},280", 230 * count);
+  const std::size_t count = campaign.levels.size(), columns = std::min(kLevelsBeside, count),
+                    rows = (count + columns - 1) / columns;
+  draft.size = fmt::format("{},{}", 230 * columns, 280 * rows);
   draft.commands = fmt::format(
-      "set multiplot layout 1,{}\nset key off\nset palette gray\nset cbrange [0:255]\n"
+      "set multiplot layout {},{}\nset key off\nset palette gray\nset cbrange [0:255]\n"
       "unset colorbox\nset size ratio -1\nset xlabel 'u / px'\nset ylabel 'v / px'\n"
       "set xrange [{}:{}]\nset yrange [{}:{}]\nset xtics 20\nset ytics 20\nunset grid\n",
-      count, detail.left - 0.5, detail.left + detail.side - 0.5, detail.top + detail.side - 0.5,
+      rows, columns, detail.left - 0.5, detail.left + detail.side - 0.5,
+      detail.top + detail.side - 0.5,
       detail.top - 0.5);  // v down
   const int pixels = detail.side * detail.side;
   for (std::size_t level = 0; level < count; ++level) {
@@ -117,36 +120,35 @@ void cloud_figure(const std::filesystem::path& folder, const NoiseCampaign& camp
       "for all; errors beyond it are drawn at its edge (as figure 18).",
       every == 1 ? "the" : fmt::format("every {}th of the {}", every, measure),
       campaign.options.scenario);
-  const std::size_t count = campaign.levels.size();
-  constexpr double kCloudPx = 200.0, kKeyPx = 190.0;
-  const double width = kCloudPx * static_cast<double>(count) + kKeyPx;
-  draft.size = fmt::format("{:.0f},{:.0f}", width, 2.0 * kCloudPx + 20.0);
+  const std::size_t count = campaign.levels.size(), columns = std::min(kLevelsBeside, count),
+                    rows = 2 * ((count + columns - 1) / columns);
+  constexpr double kCloudPx = 200.0, kCloudHeightPx = 210.0, kLabelPx = 30.0, kKeyPx = 190.0;
+  const double width = kLabelPx + kCloudPx * static_cast<double>(columns) + kKeyPx,
+               height = 1.0 / static_cast<double>(rows);  // of a row
+  draft.size = fmt::format("{:.0f},{:.0f}", width, kCloudHeightPx / height);
   draft.commands = fmt::format(
-      "set multiplot\nset key off\nset size {0:.5f},0.5\nset lmargin 8\nset rmargin 1\n"
+      "set multiplot\nset key off\nset size {0:.5f},{5:.5f}\nset lmargin 8\nset rmargin 1\n"
       "set tmargin 2\nset bmargin 4\nset tics font ',11'\nset xrange [{1}:{2}]\n"
       "set yrange [{1}:{2}]\nset xtics {3}\nset ytics {3}\n"
       "edge(x) = x > {4} ? {4} : x < -{4} ? -{4} : x\n",
       kCloudPx / width, fixed(-1.05 * scale, 6), fixed(1.05 * scale, 6), tick(scale),
-      fixed(scale, 6));
+      fixed(scale, 6), height);
   for (const auto& [row, name, column] :
-       {std::tuple(0, "pitch", "$6"), std::tuple(1, "roll", "$5")})
+       {std::tuple(0u, "pitch", "$6"), std::tuple(1u, "roll", "$5")})
     for (std::size_t level = 0; level < count; ++level) {
       draft.commands += fmt::format(
-          "set origin {:.5f},{}\nset title 'sigma {:g}'\nset xlabel 'yaw error / deg'\n"
+          "set origin {:.5f},{:.5f}\nset title 'sigma {:g}'\nset xlabel 'yaw error / deg'\n"
           "set ylabel '{}'\n",
-          static_cast<double>(level) * kCloudPx / width, row == 0 ? "0.5" : "0",
-          campaign.levels[level].sigma_grey, level == 0 ? fmt::format("{} error / deg", name) : "");
-      const bool with_key = row == 0 && level + 1 == count;
-      if (with_key)
-        draft.commands += fmt::format("set key at screen {:.5f},0.95 left top Left reverse\n",
-                                      1.0 - kKeyPx / width);
+          (kLabelPx + static_cast<double>(level % columns) * kCloudPx) / width,
+          1.0 - static_cast<double>(2 * (level / columns) + row + 1) * height,
+          campaign.levels[level].sigma_grey,
+          level % columns == 0 ? fmt::format("{} error / deg", name) : "");
       for (std::size_t k = 0; k < solvers.size(); ++k)
         points.draw(draft, *solvers[k], "(edge($4))", fmt::format("(edge({}))", column),
                     "ps 0.4 " + solver_look(*solvers[k], k), "plot", level);
       draft.end_plot();
-      if (with_key) draft.commands += "set key off\n";
     }
-  draft.commands += "unset multiplot\n";
+  draft.end_multiplot(1.0 - kKeyPx / width, key_of_points(solvers));
   points.write(folder / (draft.figure.name + ".csv"));
   drafts.push_back(std::move(draft));
 }

@@ -166,11 +166,10 @@ void dead_time_figure(const std::filesystem::path& folder, const RunRecord& reco
       "them (homing, payloads, waits, poses that do not count).";
   draft.size = fmt::format("1000,{}", 150 + 42 * bars.size());
   draft.commands = fmt::format(
-      "set xlabel 'time / {}'\nset xrange [0:{:.6g}]\nset yrange [{}.6:-0.6]\n"
-      "set key outside top center horizontal width 1\nset ytics scale 0\nset grid x noy\n"
-      "set style fill solid noborder\nset tmargin 4\n",
+      "set multiplot\nset key off\nset xlabel 'time / {}'\nset xrange [0:{:.6g}]\n"
+      "set yrange [{}.6:-0.6]\nset ytics scale 0\nset grid x noy\nset rmargin at screen 0.78\n",
       unit, 1.28 * longest_s / unit_s, bars.size() - 1);
-  std::string tics, plots, labels, before = "0";
+  std::string tics, labels, before = "0";
   for (std::size_t i = 0; i < bars.size(); ++i) {
     const Bar& bar = bars[i];
     tics += fmt::format("{}'{}' {}", i == 0 ? "" : ", ", bar.what, i);
@@ -180,17 +179,22 @@ void dead_time_figure(const std::filesystem::path& folder, const RunRecord& reco
                                                            s / static_cast<double>(bar.poses));
     labels += fmt::format("set label '{}' at {:.6g},{} left offset 0.7,0\n", label, s / unit_s, i);
   }
+  draft.commands += fmt::format("set ytics ({})\n{}", tics, labels);
+  std::vector<KeyEntry> key;
   for (std::size_t k = 0; k < kPhases.size(); ++k) {
     const std::string until = fmt::format("{}+${}", before, k + 3);
-    if (sum[kPhases[k].key] > 0.0)
-      plots += fmt::format(
-          "{}'DATA' every ::1 using (({})/{:g}):0:(({})/{:g}):(({})/{:g}):($0-0.36):($0+0.36) with "
-          "boxxyerror lc rgb '{}' title '{}'",
-          plots.empty() ? "" : ", ", until, unit_s, before, unit_s, until, unit_s,
-          kPhases[k].colour, kPhases[k].title);
+    if (sum[kPhases[k].key] > 0.0) {
+      const std::string look = fmt::format("boxxyerror fill solid noborder lc rgb '{}' title '{}'",
+                                           kPhases[k].colour, kPhases[k].title);
+      draft.element(
+          fmt::format("'DATA' every ::1 using "
+                      "(({})/{:g}):0:(({})/{:g}):(({})/{:g}):($0-0.36):($0+0.36) with {}",
+                      until, unit_s, before, unit_s, until, unit_s, look));
+      key.push_back({look, {}});
+    }
     before = until;
   }
-  draft.commands += fmt::format("set ytics ({})\n{}plot {}\n", tics, labels, plots);
+  draft.end_plot().end_multiplot(0.79, key);
   csv.write(folder / (draft.figure.name + ".csv"));
   drafts.push_back(std::move(draft));
 }
@@ -351,12 +355,12 @@ void telemetry_figure(const std::filesystem::path& folder, const RunRecord& reco
       "Telemetry over the rig's time{}. Shaded: no pose was taken while a channel was outside its "
       "band (dashed: its limits). Crosses at the foot: it could not be read.",
       with_readings.size() > 1 ? ", session after session" : "");
-  const double height = 70.0 + 210.0 * static_cast<double>(channels.size());
+  const double height = 80.0 + 210.0 * static_cast<double>(channels.size());
   draft.size = fmt::format("1000,{:.0f}", height);
   draft.commands = fmt::format(
       "set multiplot layout {},1 margins 0.115,0.975,{:.4f},{:.4f} spacing 0,{:.4f}\n"
       "set key off\nset xrange [0:{:.6g}]\nset format x ''\n{}",
-      channels.size(), 55.0 / height, 1.0 - 25.0 / height, 20.0 / height, end_s / unit_s, marks);
+      channels.size(), 65.0 / height, 1.0 - 25.0 / height, 20.0 / height, end_s / unit_s, marks);
   std::size_t column = 4;
   for (const auto& [name, channel] : channels) {
     const auto config = std::ranges::find(rig.telemetry.channels, name, &ChannelConfig::name);

@@ -71,12 +71,18 @@ std::string path(const std::vector<AxisId>& axes, const std::string& every, cons
     return fmt::format("set {}label '{} / deg'\n", which, axis_name(axis));
   };
   const char* look = "with linespoints pt 7 ps 0.4 lw 1 lc palette";
-  const std::string head = placed(panel) + "unset title\nset key off\nset cblabel 'pose'\n" + kPath;
+  const std::string head = std::string("unset title\nset key off\nset cblabel 'pose'\n") + kPath;
   if (axes.size() == 2)
-    return head + label('x', axes[1]) + label('y', axes[0]) +
+    return placed(panel) + head + label('x', axes[1]) + label('y', axes[0]) +
            fmt::format("plot 'DATA' {} using {}:{}:1 {}\n", every, column_of(axes[1]),
                        column_of(axes[0]), look);
-  return head + label('x', AxisId::kPitch) + label('y', AxisId::kRoll) +
+  // The scale has a place of its own: where gnuplot puts it, there is no room for its label, which is left out.
+  const Panel space{panel.x, panel.y, 0.78 * panel.width, panel.height};
+  return placed(space) +
+         fmt::format("set colorbox user origin {:.5f},{:.5f} size {:.5f},{:.5f}\n",
+                     panel.x + 0.79 * panel.width, panel.y + 0.3 * panel.height,
+                     0.035 * panel.width, 0.4 * panel.height) +
+         head + label('x', AxisId::kPitch) + label('y', AxisId::kRoll) +
          "set zlabel 'yaw / deg' rotate\nset xyplane 0.05\nset view 60,35\n"
          "set tics font ',9'\n" +
          fmt::format("splot 'DATA' {} using 6:5:4:1 {}\nset tics font ''\n", every, look);
