@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <regex>
 
 #include "src/record/atomic_file.h"
 #include "src/record/image_archive.h"
@@ -55,9 +56,11 @@ std::vector<std::string> names_of(const std::vector<Draft>& drafts) {
   return names;
 }
 
-/// Data, caption, a picture with marks, and points that the page finds again.
+/// Data, caption, a picture with marks and every text, and points that the page finds again.
 void expect_drawn(const fs::path& folder, const std::vector<Draft>& drafts) {
-  for (const Figure& figure : draw(folder, drafts)) {
+  const std::vector<Figure> figures = draw(folder, drafts);
+  for (std::size_t i = 0; i < figures.size(); ++i) {
+    const Figure& figure = figures[i];
     SCOPED_TRACE(figure.name);
     EXPECT_FALSE(figure.caption.empty());
     EXPECT_GT(std::ranges::count(slurp(folder / (figure.name + ".csv")), '\n'), 1);
@@ -65,6 +68,12 @@ void expect_drawn(const fs::path& folder, const std::vector<Draft>& drafts) {
     const std::string svg = slurp(folder / (figure.name + ".svg"));
     EXPECT_GT(svg.size(), 10'000u);  // an empty frame has about 8000
     EXPECT_LT(svg.size(), 700'000u);
+    // gnuplot leaves out without a word what does not fit.
+    static const std::regex kText("(?:label|title) '([^']+)'");
+    const std::string& commands = drafts[i].commands;
+    for (std::sregex_iterator text(commands.begin(), commands.end(), kText), end; text != end;
+         ++text)
+      EXPECT_THAT(svg, HasSubstr(">" + text->str(1) + "<"));
     const std::string inlined = inline_svg(svg, figure, "f-");
     EXPECT_THAT(inlined, Not(HasSubstr("unlinked")));
     for (const Element& element : figure.elements)

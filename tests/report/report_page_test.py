@@ -1,13 +1,15 @@
 #!/usr/bin/env python3
 """Opens the report of a quick simulated run in Chromium, from file://, on a desktop's and a telephone's width, and
 does with it what a reader does: nothing fails or overflows, no table or figure is empty, controls answer to the
-keyboard, a solver can be hidden, a point chosen. Then every page of the PDF.
+keyboard, a solver can be hidden, a point chosen. Then every page of the PDF, and the texts of the figures, of few
+solvers and of all.
 
 usage: report_page_test.py TURNTABLE_PROGRAM SOURCE_FOLDER PICTURE_FOLDER
 """
 import base64
 import collections
 import glob
+import html
 import json
 import os
 import re
@@ -181,6 +183,11 @@ for (const f of figures) {
   if (!svg) { wrong.push(`${f.id} has no picture`); continue; }
   const box = svg.getBoundingClientRect();
   if (box.width < 100 || box.height < 60) wrong.push(`${f.id} is ${box.width} x ${box.height} px`);
+  for (const text of svg.querySelectorAll("text")) {
+    const t = text.getBoundingClientRect();
+    if (t.left < box.left - 1 || t.right > box.right + 1 || t.top < box.top - 1 || t.bottom > box.bottom + 1)
+      wrong.push(`${f.id}: "${text.textContent}" is cut at the picture's edge`);
+  }
   const plots = svg.querySelectorAll(".plot");
   const drawn = [...plots].reduce((n, p) => n + p.querySelectorAll("path, use, polygon, rect, circle, image, text").length, 0);
   if (drawn < 3) wrong.push(`${f.id} shows nothing: ${drawn} marks in ${plots.length} elements`);
@@ -325,6 +332,59 @@ def check_pdf(file):
         assert text.count(axis) >= figures, f"{figures} figures have an axis \"{axis}\", in the PDF {text.count(axis)}"
 
 
+def wrong_texts(script, svg):
+    """What is wrong with the texts of a figure, each a sentence: gnuplot leaves out without a word what does not fit,
+    and puts a key that is too large on the data."""
+    quoted = r"'((?:[^']|'')*)'"
+    asked, names = collections.Counter(), set()
+    texts, hidden = {}, set()
+    for line in script.splitlines():
+        verb, _, rest = line.partition(" ")
+        what, found = rest.split(" ")[0], re.search(quoted, rest)
+        text = found.group(1).replace("''", "'").strip() if found else ""
+        if verb == "reset":
+            texts, hidden = {}, set()
+        elif verb == "unset" and what in ("key", "colorbox"):
+            hidden.add(what)
+        elif verb == "unset":
+            texts = {of: text for of, text in texts.items() if of != rest and not of.startswith(rest + " ")}
+        elif verb == "set" and what == "key":
+            hidden = hidden - {"key"} | ({"key"} if rest == "key off" else set())
+        elif verb == "set" and what == "label":
+            texts[rest if found.start() == len("label ") else "label " + rest.split(" ")[1]] = text
+        elif verb == "set" and what in ("title", "xlabel", "ylabel", "zlabel", "cblabel") and found:
+            texts[what] = text
+        elif verb == "set" and what == "multiplot" and found:
+            asked[text] += 1
+        elif verb in ("plot", "splot"):
+            drawn = {of: text for of, text in texts.items()
+                     if (of != "zlabel" or verb == "splot")
+                     and (of != "cblabel" or "palette" in rest and "colorbox" not in hidden)}
+            asked.update(drawn.values())
+            if "key" not in hidden:
+                of_key = [name.replace("''", "'") for name in re.findall("(?<!no)title " + quoted, rest)]
+                asked.update(of_key)
+                names.update(of_key)
+    del asked[""]
+    shown = collections.Counter(html.unescape(text).strip() for text in re.findall(r"<text>([^<]*)</text>", svg))
+    wrong = [f"\"{text}\" is asked for {count} times more than shown" for text, count in (asked - shown).items()]
+    panels = [[float(number) for number in panel] for panel in re.findall(
+        r"<path stroke='black'  d='M([\d.]+),([\d.]+) L\1,([\d.]+) L([\d.]+),\3 L\4,\2 L\1,\2 Z", svg)]
+    for x, y, name in re.findall(r"translate\(([\d.]+),([\d.]+)\)[^>]*>\s*<text>([^<]*)</text>", svg):
+        if html.unescape(name).strip() in names and any(
+                left < float(x) < right and top < float(y) < bottom for left, top, bottom, right in panels):
+            wrong.append(f"\"{name}\" of the key is on a panel")
+    return wrong
+
+
+def check_figures(run):
+    wrong = []
+    for script in sorted(glob.glob(os.path.join(run, "figures", "*.gp"))):
+        with open(script, encoding="utf-8") as commands, open(script[:-3] + ".svg", encoding="utf-8") as svg:
+            wrong += [f"{os.path.basename(script)}: {w}" for w in wrong_texts(commands.read(), svg.read())]
+    assert not wrong, "; ".join(wrong)
+
+
 def main():
     for program, package in (("chromium-headless-shell", "chromium-headless-shell"), ("pdftoppm", "poppler-utils")):
         if shutil.which(program) is None:
@@ -343,12 +403,19 @@ def main():
             check_page(browser, report, 1280, 900)
             check_page(browser, report, 390, 844)
             check_handed_on(browser, report, temporary)
+            check_pdf(os.path.join(run, "report.pdf"))
+            check_figures(run)
+            tables = glob.glob(os.path.join(run, "tables", "*.tex"))
+            assert len(tables) >= 8, f"LaTeX of these tables only: {tables}"
+            subprocess.run([sys.executable, os.path.join(os.path.dirname(__file__), "check_latex.py"), *tables],
+                           check=True)
+            subprocess.run([PROGRAM, "evaluate", run, "--solver", "all", "--noise", "5,10"], check=True,
+                           capture_output=True, env={**os.environ, "TURNTABLE_NO_PDF": "1"})
+            check_figures(run)
+            wrong = Page(browser, report, 1280, 900).js(INSPECT)
+            assert not wrong, "with all solvers and noise: " + "; ".join(wrong)
         finally:
             browser.close()
-        check_pdf(os.path.join(run, "report.pdf"))
-        tables = glob.glob(os.path.join(run, "tables", "*.tex"))
-        assert len(tables) >= 8, f"LaTeX of these tables only: {tables}"
-        subprocess.run([sys.executable, os.path.join(os.path.dirname(__file__), "check_latex.py"), *tables], check=True)
     print(f"pictures: {PICTURES}")
 
 
