@@ -153,9 +153,9 @@ std::string budget_text(const std::vector<WrittenTable>& written, const Plan& pl
         "here explains.\n\n";
   else
     md += "What this rig turned out to be is not known: self-calibration was not possible.\n\n";
-  md += fmt::format("### {}\n\n{}\n", table->title, table->markdown);
+  md += fmt::format("### {}\n\n{}\n", markdown_text(table->title), table->markdown);
   if (const WrittenTable* found = find_table(written, "budget_found"))
-    md += fmt::format("### {}\n\n{}\n", found->title, found->markdown);
+    md += fmt::format("### {}\n\n{}\n", markdown_text(found->title), found->markdown);
   for (const ErrorBudget* b : shown)
     if (b->found)
       md += fmt::format(
