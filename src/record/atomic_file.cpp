@@ -18,7 +18,7 @@ namespace {
   const char* advice = "";
   if (error == ENOSPC || error == EDQUOT || error == EFBIG) advice = " Make room.";
   if (error == EROFS || error == EACCES || error == EPERM)
-    advice = " Choose a folder that can be written.";
+    advice = " Make the folder writable, or choose another one.";
   throw RecordError(
       fmt::format("{}: {} failed: {}.{}", file.string(), what, std::strerror(error), advice));
 }
