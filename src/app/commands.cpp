@@ -270,18 +270,21 @@ AcquireSummary take_poses(const Taking& taking, std::optional<RunFolder>& folder
   options.overheads = known_overheads(taking.rig.name).value_or(Overheads{});
   print_check(check_devices(rig, taking.rig, taking.plan, options), taking.rig);
   std::vector<std::string> changes;
+  fs::path calibration;  // of the run
   if (before == nullptr) {
     folder = RunFolder::create(taking.root, taking.plan);
     if (taking.calibration)
       write_atomically(folder->calibration(), calibration_to_json(*taking.calibration));
+    calibration = folder->calibration();
   } else {
     folder = RunFolder::open(taking.root);
+    calibration = first_calibration(*folder, *before);
     changes = other_devices(rig, *before);
     if (!taking.accepts_changes) refuse_changes(taking.root, changes);
     changes.insert(changes.begin(), taking.accepted.begin(), taking.accepted.end());
   }
   nlohmann::json start = run_provenance(taking.rig, taking.plan, taking.arguments.command_line,
-                                        taking.calibration ? folder->calibration() : fs::path());
+                                        taking.calibration ? calibration : fs::path());
   if (!changes.empty()) start["accepted_changes"] = changes;
   if (!taking.arguments.solvers.empty()) start["solvers"] = taking.arguments.solvers;
   fmt::print("run: {}\n", folder->root().string());
@@ -329,9 +332,11 @@ int take_and_finish(const Taking& taking, const EvaluateOptions& options,
         "{} exposures were bad and taken again, {} triggers were repeated; in the end {} poses "
         "beside failed ones have a complaint (see report.md)\n",
         summary.retakes, summary.trigger_retries, summary.doubtful);
+  // Another calibration than the run began with stands only if somebody said so.
+  const fs::path accepted =
+      taking.accepts_changes && taking.calibration ? folder.calibration() : fs::path();
   try {
-    const int code =
-        write_outputs(folder, {taking.calibration, options, beside, pdf}, Rewrite::kAll);
+    const int code = write_outputs(folder, {accepted, options, beside, pdf}, Rewrite::kAll);
     return code == kDone && summary.failed > 0 ? kFailedPoses : code;
   } catch (const Interrupted&) {
     throw;
@@ -488,7 +493,7 @@ int resume_command(const ResumeArguments& a) {
   std::vector<std::string> changes = changed_files(before);
   if (!has_calibration_sweep(plan) || !calibration_sha256.empty() ||
       (start.empty() && fs::exists(folder.calibration()))) {
-    const fs::path calibration = folder.first_calibration();
+    const fs::path calibration = first_calibration(folder, before);
     loaded = load_calibration(calibration);
     if (!calibration_sha256.empty() && sha256_hex(read_text(calibration)) != calibration_sha256)
       changes.push_back(
@@ -511,7 +516,8 @@ int resume_command(const ResumeArguments& a) {
   if (before.complete()) {
     for (const std::string& change : changes) spdlog::warn("{}", change);
     fmt::print("Nothing is left to take.\n");
-    return write_outputs(folder, {loaded, options, {}, false}, Rewrite::kAll);
+    const fs::path accepted = a.accept_changes && loaded ? folder.calibration() : fs::path();
+    return write_outputs(folder, {accepted, options, {}, false}, Rewrite::kAll);
   }
   Taking taking{a, fmt::format("resume {}", a.run.string()), rig_file, plan, a.run, loaded};
   taking.accepts_changes = a.accept_changes;
@@ -563,7 +569,7 @@ int evaluate_command(const EvaluateArguments& a) {
   const RunFolder folder = RunFolder::open(a.run);
   refuse_if_taken(a.run);
   OutputOptions options;
-  if (!a.calibration.empty()) options.calibration = load_calibration(a.calibration);
+  options.calibration = a.calibration;
   options.evaluate = solvers_named(a.solvers);
   if (!a.noise_grey.empty()) {
     std::vector<double> sigmas = a.noise_grey;
@@ -593,7 +599,7 @@ int report_command(const ReportArguments& a) {
   OutputOptions options;
   options.pdf = !a.no_pdf;
   require_evaluated(folder);
-  options.calibration = load_calibration(folder.calibration());
+  options.calibration = folder.calibration();
   const EvaluationRecord how = read_evaluation_record(folder, load_plan(folder.plan()));
   options.evaluate.solvers = how.solvers;
   options.evaluate.spots = SpotSource::kJournal;

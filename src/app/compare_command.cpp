@@ -127,12 +127,12 @@ int compare_command(const ReportArguments& a) {
       continue;
     }
     const bool has_interval = std::isfinite(c.change_deg.interval.lower);
-    fmt::print("{:<20} {:<18} A {:.4f}  B {:.4f} deg  {:+.4f} [{}]  B is {}\n", c.scenario,
-               c.solver->name, c.first_rmse_deg, c.other_rmse_deg, c.change_deg.value,
+    fmt::print("{:<20} {:<18} A {:.4f}  B {:.4f} deg  {:+.4f} [{}]{}\n", c.scenario, c.solver->name,
+               c.first_rmse_deg, c.other_rmse_deg, c.change_deg.value,
                has_interval ? fmt::format("{:+.4f}, {:+.4f}", c.change_deg.interval.lower,
                                           c.change_deg.interval.upper)
                             : "too few poses for an interval",
-               change_verdict_name(c.verdict()));
+               has_interval ? fmt::format("  B is {}", change_verdict_name(c.verdict())) : "");
   }
   for (const auto& [name, run] : {std::pair("A", &one.run), std::pair("B", &two.run)})
     if (!run->record.complete())

@@ -157,7 +157,7 @@ int identify_command(const IdentifyArguments& a) {
   require_new_file(a.target_out, "--target-out");
   require_evaluated(folder);
   OutputOptions options;
-  options.calibration = load_calibration(folder.calibration());
+  options.calibration = folder.calibration();
   options.evaluate.solvers = {&default_solver()};
   options.evaluate.spots = SpotSource::kJournal;
   const Results made = make_results(folder, std::move(options));

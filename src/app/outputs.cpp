@@ -47,8 +47,7 @@ std::vector<const Solver*> solvers_in(const fs::path& poses) {
 /// then do the residuals belong into the run's report.
 std::optional<CalibrationSet> sweep_behind(const Calibration& calibration, const RunRecord& record,
                                            const RunFolder& folder, const RigFile& rig) {
-  if (!has_calibration_sweep(record.plan) || calibration.source != calibration_source(record.plan))
-    return {};
+  if (!is_of_own_sweep(calibration, record)) return {};
   for (const TakenPose& pose : record.poses)
     if (record.plan.scenario_of(pose.planned).kind == ScenarioKind::kCalibration)
       for (const TakenImage& image : pose.images)
@@ -65,12 +64,13 @@ std::optional<CalibrationSet> sweep_behind(const Calibration& calibration, const
 /// Before another calibration takes its place: it cannot be made again.
 void keep_given_calibration(const RunFolder& folder, const std::string& given_sha256,
                             const std::string& next) {
-  if (given_sha256.empty() || fs::exists(folder.given_calibration()) ||
-      !fs::exists(folder.calibration()))
+  const auto kept = [&](const fs::path& file) {
+    return fs::exists(file) && sha256_hex(read_text(file)) == given_sha256;
+  };
+  if (given_sha256.empty() || kept(folder.given_calibration()) || !kept(folder.calibration()))
     return;
   const std::string given = read_text(folder.calibration());
-  if (given != next && sha256_hex(given) == given_sha256)
-    write_atomically(folder.given_calibration(), given);
+  if (given != next) write_atomically(folder.given_calibration(), given);
 }
 
 /// Of a run that is there already, from its stored points.
@@ -171,33 +171,30 @@ StoredRun stored_run(const RunFolder& folder, std::vector<const Solver*> solvers
 Results make_results(const RunFolder& folder, OutputOptions options) {
   Results out;
   out.record = read_run(folder);
-  const Plan& plan = out.record.plan;
   out.rig = rig_of(out.record);
   // A scenario that is not there is known before the work.
   if (options.noise && options.evaluate.spots == SpotSource::kImages)
     options.noise->scenario = noise_scenario(out.record, folder, options.noise->scenario);
   warn_if_torn(folder, out.record);
 
-  if (options.calibration) {
-    out.calibration = *options.calibration;
-    out.set = sweep_behind(out.calibration, out.record, folder, out.rig);
-  } else if (const std::string given = given_calibration_sha256(out.record); !given.empty()) {
-    const fs::path first = folder.first_calibration();
-    out.calibration = load_calibration(first);
-    if (sha256_hex(read_text(first)) != given)
-      throw ConfigError(first.string(), "",
+  const std::string given = given_calibration_sha256(out.record);
+  if (!options.calibration.empty() || !calibrates_itself(out.record)) {
+    const fs::path file =
+        !options.calibration.empty() ? options.calibration : first_calibration(folder, out.record);
+    out.calibration = load_calibration(file);
+    out.calibration_json = read_text(file);
+    if (options.calibration.empty() && !given.empty() && sha256_hex(out.calibration_json) != given)
+      throw ConfigError(file.string(), "",
                         "is not the calibration that the run began with. Restore it from a copy, "
-                        "or name one with "
-                        "--calibration.");
+                        "or name one with --calibration.");
     out.set = sweep_behind(out.calibration, out.record, folder, out.rig);
-  } else if (has_calibration_sweep(plan)) {
+  } else {
     ProgressLine line("calibrating");
     out.set = sweep_set(out.record, folder, out.rig, [&](std::size_t done, std::size_t total) {
       line.update(done, total, "images");
     });
     out.calibration = calibrate(*out.set);
-  } else {
-    out.calibration = load_calibration(folder.calibration());
+    out.calibration_json = calibration_to_json(out.calibration);
   }
   {
     ProgressLine line("evaluating");
@@ -250,15 +247,14 @@ int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrit
   const Plan& plan = made.record.plan;
   EvaluationRecord how;
   if (rewrite == Rewrite::kAll) {
-    const std::string calibration = calibration_to_json(made.calibration);
-    const std::string given = given_calibration_sha256(made.record);
-    keep_given_calibration(folder, given, calibration);
+    const std::string& calibration = made.calibration_json;
+    keep_given_calibration(folder, given_calibration_sha256(made.record), calibration);
     write_atomically(folder.calibration(), calibration);
     write_poses_csv(made.evaluation, plan, folder.poses());
     how.journal_lines = made.record.journal.next_seq - 1;
     how.solvers = made.evaluation.solvers;
     how.poses_sha256 = sha256_hex(read_text(folder.poses()));
-    if (options.calibration || !given.empty() || !has_calibration_sweep(plan))
+    if (!options.calibration.empty() || !calibrates_itself(made.record))
       how.calibration_sha256 = sha256_hex(calibration);
     how.poses_by = program_provenance();
     if (made.noise) {

@@ -12,8 +12,8 @@
 namespace turntable {
 
 struct OutputOptions {
-  /// Instead of one from the run's own sweep. Nothing, and no sweep in the plan: the stored one.
-  std::optional<Calibration> calibration;
+  /// A file, instead of what the run was given or its own sweep gives. Empty, and none of both: the stored one.
+  std::filesystem::path calibration;
   EvaluateOptions evaluate;
   std::vector<RunFolder> beside;  ///< runs whose cameras are set beside this one's
   bool pdf = false;               ///< also print report.pdf

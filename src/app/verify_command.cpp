@@ -77,7 +77,7 @@ void verify_outputs(const RunFolder& folder, RunFindings& findings) {
           "is not the one that the run was evaluated with: its SHA-256 is not that of "
           "evaluation.json. " +
               advice(folder, how.poses_by));
-    options.calibration = load_calibration(folder.calibration());
+    options.calibration = folder.calibration();
     const std::string at_start = given_calibration_sha256(record);
     if (!at_start.empty() && at_start != found)
       findings.remarks.push_back(
@@ -103,7 +103,7 @@ void verify_outputs(const RunFolder& folder, RunFindings& findings) {
   const Scratch scratch("turntable-verify", ", or give --record-only");
   const RunFolder again = folder.with_outputs_in(scratch.path());
   const Results made = make_results(folder, std::move(options));
-  write_atomically(again.calibration(), calibration_to_json(made.calibration));
+  write_atomically(again.calibration(), made.calibration_json);
   write_poses_csv(made.evaluation, made.record.plan, again.poses());
   write_tables(again, made);
   if (made.noise) {

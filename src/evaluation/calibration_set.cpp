@@ -220,6 +220,21 @@ bool has_calibration_sweep(const Plan& plan) {
       plan.scenarios, [](const ScenarioInfo& s) { return s.kind == ScenarioKind::kCalibration; });
 }
 
+bool calibrates_itself(const RunState& run) {
+  return has_calibration_sweep(run.plan) && given_calibration_sha256(run).empty();
+}
+
+bool is_of_own_sweep(const Calibration& calibration, const RunRecord& record) {
+  if (!has_calibration_sweep(record.plan) || calibration.source != calibration_source(record.plan))
+    return false;
+  std::multiset<std::string> used, own;
+  for (const UsedImage& image : calibration.images) used.insert(image.sha256);
+  for (const TakenPose& pose : record.poses)
+    if (record.plan.scenario_of(pose.planned).kind == ScenarioKind::kCalibration)
+      for (const TakenImage& image : pose.images) own.insert(image.sha256);
+  return used == own;
+}
+
 // ---- a sweep of this rig
 
 CalibrationSet sweep_set(const RunRecord& record, const RunFolder& folder, const RigFile& rig,
@@ -248,18 +263,18 @@ CalibrationSet sweep_set(const RunRecord& record, const RunFolder& folder, const
     poses.push_back(&pose);
   }
   std::set<double> heights, wanted;
-  for (const TakenPose* pose : poses) heights.insert(pose->planned.stage_mm);
+  for (const TakenPose* pose : poses)
+    if (shows_a_plane(pose->planned)) heights.insert(pose->planned.stage_mm);
   for (const PlannedPose& pose : record.plan.poses)
-    if (record.plan.scenario_of(pose).kind == ScenarioKind::kCalibration)
-      wanted.insert(pose.stage_mm);
+    if (shows_a_plane(pose)) wanted.insert(pose.stage_mm);
   if (!record.complete() && heights.size() < 2 && wanted.size() > heights.size())
-    throw ConfigError(
-        folder.root().string(), "",
-        fmt::format(
-            "ended early: {} of {} poses were taken, and of its calibration sweep {} of {} planes. "
-            "\"turntable resume {}\" takes the rest; or name a calibration with --calibration.",
-            record.poses_taken(), record.plan.poses.size(), heights.size(), wanted.size(),
-            folder.root().string()));
+    throw ConfigError(folder.root().string(), "",
+                      fmt::format("ended early: {1} of {2} poses were taken, and of its "
+                                  "calibration sweep {3} of {4} planes. "
+                                  "\"turntable resume {0}\" takes the rest; \"turntable evaluate "
+                                  "{0} --calibration FILE\" does without.",
+                                  folder.root().string(), record.poses_taken(),
+                                  record.plan.poses.size(), heights.size(), wanted.size()));
   if (poses.empty())
     throw ConfigError(set.name, "",
                       "holds no images of a calibration sweep. Run a campaign with a calibration "

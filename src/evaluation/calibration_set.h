@@ -67,6 +67,11 @@ CalibrationSet load_calibration_set(const std::filesystem::path& file,
 
 /// True if the plan has a calibration sweep.
 bool has_calibration_sweep(const Plan& plan);
+/// True if a run is evaluated with what its own sweep gives unless somebody names another calibration: it has a sweep,
+/// and was given none.
+bool calibrates_itself(const RunState& run);
+/// True if a calibration was made from the images of this run's sweep, and not from those of another run of its plan.
+bool is_of_own_sweep(const Calibration& calibration, const RunRecord& record);
 /// What a calibration made from this plan's sweep names as its source.
 std::string calibration_source(const Plan& plan);
 

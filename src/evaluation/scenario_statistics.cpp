@@ -204,8 +204,10 @@ Iso230 iso230_of(const Visited& v, std::size_t solver_place, const Solver* solve
 
   double lowest = 1e300, highest = -1e300, lowest_limit = 1e300, highest_limit = -1e300;
   double lowest_mean = 1e300, highest_mean = -1e300, largest_spread = 0.0, largest_reversal = 0.0;
+  std::size_t used = 0;
   for (const Position& p : positions) {
     if (out.bidirectional && !(p.up && p.down)) continue;
+    ++used;
     for (const auto& way : {p.up, p.down}) {
       if (!way) continue;
       lowest = std::min(lowest, way->mean);
@@ -223,7 +225,7 @@ Iso230 iso230_of(const Visited& v, std::size_t solver_place, const Solver* solve
       highest_mean = std::max(highest_mean, middle);
     }
   }
-  const bool range = out.positions > 1;
+  const bool range = used > 1;
   if (range) out.systematic_deg = highest - lowest;
   if (out.approaches > 1) {  // of one approach nothing is known of s
     if (range) out.accuracy_deg = highest_limit - lowest_limit;

@@ -10,6 +10,7 @@
 
 #include "src/core/clock.h"
 #include "src/core/errors.h"
+#include "src/core/json_document.h"
 #include "src/core/rig_file.h"
 #include "src/core/units.h"
 #include "src/record/atomic_file.h"
@@ -18,6 +19,7 @@
 #include "src/record/journal.h"
 #include "src/record/pose_document.h"
 #include "src/record/run_journal.h"
+#include "src/record/sha256.h"
 
 namespace turntable {
 
@@ -271,15 +273,18 @@ RunRecord read_run(const RunFolder& folder) {
   return record;
 }
 
-std::filesystem::path RunFolder::first_calibration() const {
-  std::error_code unreadable;
-  return std::filesystem::exists(given_calibration(), unreadable) ? given_calibration()
-                                                                  : calibration();
-}
-
 std::string given_calibration_sha256(const RunState& run) {
   if (run.start_document.empty()) return {};
   return Json::parse(run.start_document).value("/provenance/calibration_sha256"_json_pointer, "");
+}
+
+std::filesystem::path first_calibration(const RunFolder& folder, const RunState& run) {
+  const std::string given = given_calibration_sha256(run);
+  std::error_code unreadable;
+  if (!given.empty() && std::filesystem::exists(folder.given_calibration(), unreadable) &&
+      sha256_hex(read_text(folder.given_calibration())) == given)
+    return folder.given_calibration();
+  return folder.calibration();
 }
 
 std::filesystem::path source_file(const RunState& run, const std::filesystem::path& name) {
@@ -287,7 +292,7 @@ std::filesystem::path source_file(const RunState& run, const std::filesystem::pa
   const std::filesystem::path there =
       Json::parse(run.start_document).value("/provenance/folder"_json_pointer, "") / name;
   std::error_code unreadable;
-  return std::filesystem::exists(there, unreadable) ? there : name;
+  return std::filesystem::exists(there.parent_path(), unreadable) ? there : name;
 }
 
 RigFile rig_of(const RunState& run) {

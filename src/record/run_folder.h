@@ -41,8 +41,6 @@ class RunFolder {
   std::filesystem::path calibration() const { return outputs_ / "calibration.json"; }
   /// What the run was given when it began, kept once it is evaluated with another one.
   std::filesystem::path given_calibration() const { return root_ / "given_calibration.json"; }
-  /// The one of the two that it began with.
-  std::filesystem::path first_calibration() const;
   std::filesystem::path evaluation() const { return outputs_ / "evaluation.json"; }
   std::filesystem::path poses() const { return outputs_ / "poses.csv"; }
   std::filesystem::path noise_spots() const { return outputs_ / "noise_spots.csv"; }
@@ -199,8 +197,11 @@ RunRecord read_run(const RunFolder& folder);
 
 /// SHA-256 of the calibration that the run was given when it began; empty if it was given none.
 std::string given_calibration_sha256(const RunState& run);
-/// A file that the plan names. A relative name counts from the folder that the run was started in; if it is not there
-/// (the project was moved), or the journal does not say where that was, from the current one.
+/// Where the calibration is that the run was given: in `calibration` or in `given_calibration`, by its hash; the former
+/// if neither is it, or if the run was given none.
+std::filesystem::path first_calibration(const RunFolder& folder, const RunState& run);
+/// A file that the plan names. A relative name counts from the folder that the run was started in; if its folder is not
+/// there (the project was moved), or the journal does not say where that was, from the current one.
 std::filesystem::path source_file(const RunState& run, const std::filesystem::path& name);
 /// The rig file that the run began with, from its own copy; files that it names count from where it lay. @throws ConfigError.
 RigFile rig_of(const RunState& run);

@@ -171,8 +171,9 @@ std::string stage_text(const Calibration& c) {
 std::string calibration_text(const Calibration& c) {
   std::string md = fmt::format(
       "Source: {}{}. Ray model of order {} over planes at {:.3f} and {:.3f} mm, {} x {} px",
-      c.source, c.simulated ? " (simulated)" : "", c.irt.order(), c.irt.planes().a_mm,
-      c.irt.planes().b_mm, c.irt.image_size().width, c.irt.image_size().height);
+      markdown_text(c.source), c.simulated ? " (simulated)" : "", c.irt.order(),
+      c.irt.planes().a_mm, c.irt.planes().b_mm, c.irt.image_size().width,
+      c.irt.image_size().height);
   if (c.points > 0)
     md += fmt::format(", {} points, {} outliers left out.", c.points, c.outliers.size());
   else if (c.sigma_mm > 0.0)

@@ -1,6 +1,7 @@
 #include "src/report/figures.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
@@ -308,8 +309,7 @@ void separation_figure(const std::filesystem::path& folder, const RunRecord& rec
   Csv csv({"solver", "plane", "x_deg", "y_deg", "mean_error_deg", "poses"});
   std::size_t rows = 0;
   std::map<std::size_t, double> largest;
-  const std::vector<std::size_t> compared = compared_solvers(evaluation);
-  for (const std::size_t k : compared)
+  for (const std::size_t k : compared_solvers(evaluation))
     for (const auto& plane : kPlanes) {
       struct Sum {
         double deg = 0.0;
@@ -336,16 +336,12 @@ void separation_figure(const std::filesystem::path& folder, const RunRecord& rec
       }
     }
   if (maps.empty()) return;
-  const bool by_default =
-      std::ranges::find(evaluation.solvers, &default_solver()) != evaluation.solvers.end();
+  std::vector<std::string_view> names;
+  for (const auto& [k, end] : largest) names.push_back(evaluation.solvers[k]->name);
   const std::string which =
-      compared.size() == evaluation.solvers.size()
+      names.size() == evaluation.solvers.size()
           ? "per solver"
-          : fmt::format(
-                "each for {} of the {} solvers, so that it fits on a page (the first of the table, "
-                "the first on "
-                "rays and the {} one)",
-                largest.size(), evaluation.solvers.size(), by_default ? "default" : "last");
+          : fmt::format("each for {}, as many as a page has room for", fmt::join(names, ", "));
   Draft draft;
   draft.figure.name = "figure16_" + info.name;
   draft.figure.caption = fmt::format(

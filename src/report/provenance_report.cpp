@@ -39,23 +39,16 @@ std::string libraries_text(const Json& p) {
   return fmt::format("{}", fmt::join(names, ", "));
 }
 
-/// Of the file that was written.
-std::string sha256_of(const Calibration& calibration) {
-  return sha256_hex(calibration_to_json(calibration));
-}
-
-std::string calibration_row(const RunRecord& record, const Calibration& calibration) {
-  if (const std::string other = other_calibration_text(record, calibration); !other.empty())
-    return other;
+std::string calibration_row(const Results& results) {
+  if (const std::string other = other_calibration_text(results); !other.empty()) return other;
   return fmt::format("{}, SHA-256 `{}`",
-                     given_calibration_sha256(record).empty() && has_calibration_sweep(record.plan)
-                         ? "from the run's own sweep"
-                         : "the one that the run began with",
-                     sha256_of(calibration));
+                     calibrates_itself(results.record) ? "from the run's own sweep"
+                                                       : "the one that the run began with",
+                     sha256_hex(results.calibration_json));
 }
 
-std::string run_table(const RunRecord& record, const Json& start, const Json& p,
-                      const Calibration& calibration) {
+std::string run_table(const Results& results, const Json& start, const Json& p) {
+  const RunRecord& record = results.record;
   std::string md = "| what | value |\n|---|---|\n";
   md += row("plan", fmt::format("{}, {} poses, SHA-256 `{}`", record.plan.name,
                                 record.plan.poses.size(), start.value("plan_sha256", "?")));
@@ -76,7 +69,7 @@ std::string run_table(const RunRecord& record, const Json& start, const Json& p,
       md += row("accepted change" + which, markdown_text(change));
   }
   md += row("libraries", libraries_text(p));
-  md += row("calibration", calibration_row(record, calibration));
+  md += row("calibration", calibration_row(results));
   if (start.value("simulated", false))
     md += row("seed of the simulation", fmt::format("{}", p.value("seed", Json()).dump()));
   for (const std::string& device : start.value("devices", std::vector<std::string>{}))
@@ -97,10 +90,11 @@ std::string axes_table(const Json& axes) {
         "| {} | {} | {} {} | {:g} to {:g} {} | {:g} {} | {:g} {}/s, {:g} {}/s, {:g} {}/s² | {:g} "
         "{} | "
         "{:g} {} | {:g} s | {} |\n",
-        name, axis.value("stage", ""), axis.value("controller", ""), axis.value("channel", ""),
-        number("lower"), number("upper"), unit, number("units_per_step"), unit, number("speed"),
-        unit, number("initial_speed"), unit, number("acceleration"), unit, number("backlash"), unit,
-        number("tolerance"), unit, number("settle_s"), axis.value("retries", 0));
+        name, markdown_text(axis.value("stage", "")), markdown_text(axis.value("controller", "")),
+        markdown_text(axis.value("channel", "")), number("lower"), number("upper"), unit,
+        number("units_per_step"), unit, number("speed"), unit, number("initial_speed"), unit,
+        number("acceleration"), unit, number("backlash"), unit, number("tolerance"), unit,
+        number("settle_s"), axis.value("retries", 0));
   }
   return md + "\n";
 }
@@ -131,25 +125,27 @@ std::string files_table(const Json& p) {
 
 }  // namespace
 
-std::string other_calibration_text(const RunRecord& record, const Calibration& calibration) {
-  const std::string given = given_calibration_sha256(record), used = sha256_of(calibration);
-  const bool own = given.empty() && has_calibration_sweep(record.plan);
-  if (own ? calibration.source == calibration_source(record.plan) : given.empty() || given == used)
+std::string other_calibration_text(const Results& results) {
+  const std::string given = given_calibration_sha256(results.record),
+                    used = sha256_hex(results.calibration_json);
+  const bool own = calibrates_itself(results.record);
+  if (own ? is_of_own_sweep(results.calibration, results.record) : given.empty() || given == used)
     return {};
   return fmt::format("another one than {}: that of {}, SHA-256 `{}`",
                      own ? std::string("the run's own sweep gives")
                          : fmt::format("the run began with (SHA-256 `{}`)", given),
-                     markdown_text(calibration.source), used);
+                     markdown_text(results.calibration.source), used);
 }
 
-std::string provenance_text(const RunRecord& record, const Calibration& calibration) {
+std::string provenance_text(const Results& results) {
+  const RunRecord& record = results.record;
   std::string md = "## Provenance\n\n";
   if (record.start_document.empty()) {
     md += "The journal has no start document.\n\n";
   } else {
     const Json start = Json::parse(record.start_document);
     const Json p = start.value("provenance", Json::object());
-    md += run_table(record, start, p, calibration);
+    md += run_table(results, start, p);
     if (p.contains("axes")) md += axes_table(p.at("axes"));
     if (p.contains("camera")) md += camera_text(p.at("camera"));
     md += files_table(p);

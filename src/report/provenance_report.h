@@ -4,16 +4,15 @@
 
 #include <string>
 
-#include "src/imaging/calibration.h"
-#include "src/record/run_folder.h"
+#include "src/report/results.h"
 
 namespace turntable {
 
 /// The section "Provenance" of report.md: plan, program, libraries, devices; every axis and the camera as they were
 /// set; every file that the plan was made of, with its hash; further sessions; what is odd about the clock.
-std::string provenance_text(const RunRecord& record, const Calibration& calibration);
+std::string provenance_text(const Results& results);
 
 /// That the results rest on another calibration than the run began with or gives itself; empty if they do not.
-std::string other_calibration_text(const RunRecord& record, const Calibration& calibration);
+std::string other_calibration_text(const Results& results);
 
 }  // namespace turntable

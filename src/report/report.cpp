@@ -116,8 +116,9 @@ std::string smallest_text(const Evaluation& evaluation) {
 
 /// Per solver the total RMSE of every scenario, all repeats together: what a reader wants to know
 /// first.
-std::string summary_text(const RunRecord& record, const Evaluation& evaluation,
-                         const Calibration& calibration) {
+std::string summary_text(const Results& results) {
+  const RunRecord& record = results.record;
+  const Evaluation& evaluation = results.evaluation;
   struct Total {
     double squares = 0.0;
     std::size_t poses = 0, failed = 0;
@@ -145,13 +146,14 @@ std::string summary_text(const RunRecord& record, const Evaluation& evaluation,
       record.complete() ? ""
       : record.exit_status.empty()
           ? std::string("; the run ended early: killed, or its journal was cut off")
-          : fmt::format("; the run ended early ({}: {})", record.exit_status, record.reason));
-  for (const PlaneResidual& p : calibration.planes)
+          : fmt::format("; the run ended early ({}: {})", record.exit_status,
+                        markdown_text(record.reason)));
+  for (const PlaneResidual& p : results.calibration.planes)
     if (!p.fitted)
       md += fmt::format(
           " Camera: {:.4f} mm rms on the plane at {:.0f} mm that was kept out of the fit.",
           p.rms_mm, p.z_mm);
-  if (const std::string other = other_calibration_text(record, calibration); !other.empty())
+  if (const std::string other = other_calibration_text(results); !other.empty())
     md += fmt::format("\n\n**The calibration of the camera is {}.**", other);
   if (all.empty()) return md + "\n\n";
 
@@ -159,7 +161,7 @@ std::string summary_text(const RunRecord& record, const Evaluation& evaluation,
   md += "\n\n| total RMSE / deg | all | poses | failed |";
   std::string line = "|---|--:|--:|--:|";
   for (const std::size_t s : scenarios) {
-    md += fmt::format(" {} |", record.plan.scenarios[s].name);
+    md += fmt::format(" {} |", markdown_text(record.plan.scenarios[s].name));
     line += "--:|";
   }
   md += "\n" + line + "\n";
@@ -189,8 +191,8 @@ std::string failures_text(const Evaluation& evaluation, const Plan& plan) {
     for (const PoseResult& r : pose.results) {
       ++rows;
       if (!r.measured)
-        ++counts[fmt::format("{}: {}{} ({})", plan.scenario_of(pose.planned).name, r.status,
-                             kind(pose.planned.role), r.solver->name)];
+        ++counts[fmt::format("{}: {}{} ({})", markdown_text(plan.scenario_of(pose.planned).name),
+                             r.status, kind(pose.planned.role), r.solver->name)];
     }
   }
   std::string md;
@@ -251,8 +253,8 @@ std::string sessions_text(const RunRecord& record) {
     md +=
         fmt::format("| {} | {} | {} | {}{}{} | {} | {} |\n", s + 1, session.began_utc,
                     session.last_utc, session.exit_status.empty() ? "killed" : session.exit_status,
-                    session.reason.empty() ? "" : ": ", session.reason, events("primary"),
-                    events(std::string(kOverlapStream)));
+                    session.reason.empty() ? "" : ": ", markdown_text(session.reason),
+                    events("primary"), events(std::string(kOverlapStream)));
   }
   md += "\n" + interruptions;
   if (record.overlaps.empty()) return md;
@@ -376,8 +378,8 @@ std::string counted_poses(const std::vector<CameraComparison>& comparisons) {
 
 std::filesystem::path write_report(const RunFolder& folder, const Results& results,
                                    PdfPrinter* printer) {
-  const auto& [record, rig, calibration, set, evaluation, cameras, levels, statistics, budgets,
-               noisy_spots, noise] = results;
+  const auto& [record, rig, calibration, calibration_json, set, evaluation, cameras, levels,
+               statistics, budgets, noisy_spots, noise] = results;
   const std::vector<WrittenTable> tables = write_tables(folder, results);
   make_folder(folder.figures());
   // The paper's in the order of its numbers, then what goes beyond.
@@ -414,7 +416,7 @@ std::filesystem::path write_report(const RunFolder& folder, const Results& resul
         markdown_text(rig.title), rig.simulation->seed);
   else
     md += fmt::format("Rig \"{}\".\n\n", markdown_text(rig.title));
-  md += "## At a glance\n\n" + summary_text(record, evaluation, calibration);
+  md += "## At a glance\n\n" + summary_text(results);
 
   md +=
       "## Errors against the turntable\n\n"
@@ -464,8 +466,7 @@ std::filesystem::path write_report(const RunFolder& folder, const Results& resul
 
   const auto behind = figures.begin() + static_cast<std::ptrdiff_t>(of_paper);
   md += "\n## Figures\n\n### As in the paper\n\n" + figures_markdown({figures.begin(), behind});
-  if (!set && given_calibration_sha256(record).empty() && has_calibration_sweep(record.plan) &&
-      other_calibration_text(record, calibration).empty())
+  if (!set && is_of_own_sweep(calibration, record))
     md +=
         "Figures 8 to 10, and where the points of the calibration lie, are left out: images of the "
         "pattern are not "
@@ -477,8 +478,8 @@ std::filesystem::path write_report(const RunFolder& folder, const Results& resul
   md += "### Beyond the paper\n\n" + figures_markdown({behind, figures.end()});
   if (rig.simulation && rig.simulated())
     md += "## Simulated error budget\n\n" + simulation_budget(rig) + "\n";
-  md += time_text(record) + telemetry_text(record) + sessions_text(record) +
-        provenance_text(record, calibration);
+  md +=
+      time_text(record) + telemetry_text(record) + sessions_text(record) + provenance_text(results);
   write_atomically(folder.report(), md);
   if (printer != nullptr) printer->load(page_for_paper(folder.report()));
   const Json poses = pose_data(folder, record, evaluation);

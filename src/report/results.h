@@ -18,6 +18,7 @@ struct Results {
   RunRecord record;
   RigFile rig;
   Calibration calibration;
+  std::string calibration_json;       ///< the file that it is or was read from, byte for byte
   std::optional<CalibrationSet> set;  ///< what the calibration was made from, if by this run
   Evaluation evaluation;
   std::vector<CameraComparison> cameras;  ///< this run's first, then those of runs beside it

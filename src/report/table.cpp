@@ -97,8 +97,8 @@ std::string table_csv(const Table& table) {
 
 std::string markdown_text(std::string_view text) {
   const auto word = [&](std::size_t i) {
-    return i < text.size() &&
-           (std::isalnum(static_cast<unsigned char>(text[i])) || text[i] == '_' || text[i] < 0);
+    return i < text.size() && (std::isalnum(static_cast<unsigned char>(text[i])) ||
+                               text[i] == '_' || static_cast<unsigned char>(text[i]) >= 0x80);
   };
   std::string out;
   for (std::size_t i = 0; i < text.size(); ++i) {

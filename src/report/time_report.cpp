@@ -511,7 +511,8 @@ std::string images_text(const RunRecord& record) {
   for (std::size_t i = 0; i < std::min(rows.size(), kRows); ++i) {
     const Complaint& c = *rows[i].second;
     md += fmt::format("| {} | {} | {} | {} |\n", c.images, first_of(c.poses),
-                      record.plan.scenarios[rows[i].first].name, markdown_text(c.text));
+                      markdown_text(record.plan.scenarios[rows[i].first].name),
+                      markdown_text(c.text));
   }
   if (rows.size() > kRows)
     md += fmt::format("\n{} more kinds of complaints are in the journal.\n", rows.size() - kRows);

@@ -43,6 +43,7 @@ TEST(BadScenario, IsRefusedWithThePlaceAndNothingHappens) {
       {"uniaxial_z.json", "\"axis\": \"yaw\"", "\"axis\": \"jaw\"", {"/ranges/0/axis", "\"jaw\""}},
       {"uniaxial_z.json", "\"stage_mm\": 120", "\"stage_mm\": 1200", {"stage"}},
       {"uniaxial_z.json", "turntable-scenario/1", "turntable-rig/1", {"/format"}},
+      {"uniaxial_z.json", "\"title\": \"", "\"title\": \"two\\nlines", {"/title"}},
   };
   for (const Edit& edit : edits) {
     TemporaryFolder folder;

@@ -256,6 +256,23 @@ TEST_F(DamagedCopy, ARunGoesOnWithTheCalibrationThatItBeganWith) {
   // As if it had been killed before its last poses.
   for (int i = 0; i < 8; ++i) journal.resize(journal.rfind('\n', journal.size() - 2) + 1);
   spill(out / "journal.jsonl", journal);
+  // Evaluated with another one in between, it goes on with the first, and says so.
+  const std::string given = slurp(out / "calibration.json");
+  spill(folder / "other.json", given);
+  edit(folder / "other.json", "\"source\"", ": \"", ": \"other ");
+  ASSERT_EQ(turntable_program("evaluate " + out.string() + " --calibration " +
+                              (folder / "other.json").string())
+                .code,
+            4)
+      << "poses are missing";
+  EXPECT_NE(slurp(out / "calibration.json"), given);
+  ASSERT_EQ(turntable_program("resume " + out.string()).code, 0);
+  EXPECT_EQ(slurp(out / "calibration.json"), given);
+  EXPECT_THAT(read_run_state(RunFolder::open(out)).sessions.at(1).start_document,
+              HasSubstr(sha256_hex(given)));
+  fs::remove(out / "given_calibration.json");
+
+  spill(out / "journal.jsonl", journal);
   edit(out / "calibration.json", "\"source\"", ": \"", ": \"another ");
   const Outcome refused = turntable_program("resume " + out.string());
   EXPECT_EQ(refused.code, 2);

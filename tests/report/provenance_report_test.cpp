@@ -49,9 +49,10 @@ RunRecord record_of(const std::vector<Json>& starts) {
 }
 
 std::string text_of(const RunRecord& record) {
-  Calibration calibration;
-  calibration.source = "the sweep of last week";
-  return provenance_text(record, calibration);
+  Results results;
+  results.record = record;
+  results.calibration.source = "the sweep of last week";
+  return provenance_text(results);
 }
 
 TEST(ProvenanceReport, SaysPlanProgramDevicesAxesCameraAndFiles) {
