@@ -264,13 +264,13 @@ CalibrationSet sweep_set(const RunRecord& record, const RunFolder& folder, const
   }
   std::set<double> heights, wanted;
   for (const TakenPose* pose : poses)
-    if (shows_a_plane(pose->planned)) heights.insert(pose->planned.stage_mm);
+    if (pose->planned.role == PoseRole::kPlaneFit) heights.insert(pose->planned.stage_mm);
   for (const PlannedPose& pose : record.plan.poses)
-    if (shows_a_plane(pose)) wanted.insert(pose.stage_mm);
+    if (pose.role == PoseRole::kPlaneFit) wanted.insert(pose.stage_mm);
   if (!record.complete() && heights.size() < 2 && wanted.size() > heights.size())
     throw ConfigError(folder.root().string(), "",
-                      fmt::format("ended early: {1} of {2} poses were taken, and of its "
-                                  "calibration sweep {3} of {4} planes. "
+                      fmt::format("ended early: {1} of {2} poses were taken, and of the "
+                                  "planes that its camera is fitted on {3} of {4}. "
                                   "\"turntable resume {0}\" takes the rest; \"turntable evaluate "
                                   "{0} --calibration FILE\" does without.",
                                   folder.root().string(), record.poses_taken(),

@@ -284,6 +284,19 @@ TEST_F(DamagedCopy, ARunGoesOnWithTheCalibrationThatItBeganWith) {
   EXPECT_THAT(sound.output, HasSubstr("is not the one that the run began with"));
 }
 
+TEST_F(DamagedCopy, ARunThatEndedInItsSweepSaysHowToGoOn) {
+  const std::string journal = slurp(run / "journal.jsonl");
+  std::size_t end = 0;
+  for (int i = 0; i < 6; ++i) end = journal.find('\n', end) + 1;
+  spill(run / "journal.jsonl", journal.substr(0, end));
+  for (const char* file : {"calibration.json", "evaluation.json", "poses.csv"})
+    fs::remove(run / file);
+  const Outcome early = turntable_program("evaluate " + run.string());
+  EXPECT_EQ(early.code, 2);
+  EXPECT_THAT(early.output,
+              AllOf(HasSubstr("ended early"), HasSubstr("turntable resume " + run.string())));
+}
+
 TEST(UnwritableFolder, IsRefusedBeforeAnythingMovesAndStaysAsItWas) {
   const TemporaryFolder folder;
   const std::string run =
