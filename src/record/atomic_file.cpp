@@ -18,7 +18,7 @@ namespace {
   const char* advice = "";
   if (error == ENOSPC || error == EDQUOT || error == EFBIG) advice = " Make room.";
   if (error == EROFS || error == EACCES || error == EPERM)
-    advice = " Make the folder writable, or choose another one.";
+    advice = " Make the folder writable, or choose one that can be written.";
   throw RecordError(
       fmt::format("{}: {} failed: {}.{}", file.string(), what, std::strerror(error), advice));
 }

@@ -21,9 +21,8 @@ void make_folder(const fs::path& folder) {
   std::error_code error;
   fs::create_directories(folder, error);
   if (error)
-    throw RecordError(fmt::format(
-        "{}: cannot be created: {}. Make its parent writable, or choose another folder.",
-        folder.string(), error.message()));
+    throw RecordError(fmt::format("{}: cannot be created: {}. Choose a folder that can be written.",
+                                  folder.string(), error.message()));
 }
 
 void require_writable(const fs::path& folder, std::string_view what, std::string_view option) {
