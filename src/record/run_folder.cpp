@@ -22,6 +22,17 @@
 #include "src/record/sha256.h"
 
 namespace turntable {
+namespace {
+
+/// What `create` leaves when it is killed, before there is a plan.
+bool left_by_create(const RunFolder& folder, const std::filesystem::path& entry) {
+  std::error_code error;
+  if (entry == folder.images() || entry == folder.tables() || entry == folder.figures())
+    return std::filesystem::is_directory(entry, error) && std::filesystem::is_empty(entry, error);
+  return is_temporary(entry) && entry.stem() == folder.plan().filename();
+}
+
+}  // namespace
 
 void RunFolder::require_new(const std::filesystem::path& root) {
   std::error_code error;
@@ -29,10 +40,14 @@ void RunFolder::require_new(const std::filesystem::path& root) {
   if (std::filesystem::exists(status)) {
     if (!std::filesystem::is_directory(status))
       throw ConfigError(root.string(), "", "is a file. Choose a new folder for the run.");
-    if (!std::filesystem::is_empty(root, error) || error)
-      throw ConfigError(
-          root.string(), "",
-          "is not empty: a run is never written over another one. Choose a new folder.");
+    for (const auto& entry : std::filesystem::directory_iterator(root, error))
+      if (!left_by_create(RunFolder(root), entry.path()))
+        throw ConfigError(
+            root.string(), "",
+            "is not empty: a run is never written over another one. Choose a new folder.");
+    if (error)
+      throw ConfigError(root.string(), "",
+                        fmt::format("cannot be read: {}. Choose a new folder.", error.message()));
   }
   require_writable(root, "the run", "--out");
 }
@@ -41,6 +56,8 @@ RunFolder RunFolder::create(const std::filesystem::path& root, const Plan& plan)
   require_new(root);
   std::error_code error;
   RunFolder folder(root);
+  for (const auto& entry : std::filesystem::directory_iterator(root, error))
+    if (is_temporary(entry.path())) std::filesystem::remove(entry.path(), error);
   const auto parts = {folder.images(), folder.tables(), folder.figures()};
   try {
     for (const auto& path : parts) make_folder(path);

@@ -21,8 +21,8 @@ struct RigFile;
 /// Paths of a run. A plain value; `create` and `open` check what is on disk.
 class RunFolder {
  public:
-  /// Makes the folder with the plan in it. @throws ConfigError if `root` exists and is not an empty
-  /// folder, RecordError if it cannot be written.
+  /// Makes the folder with the plan in it. One that was killed before it had its plan counts as empty.
+  /// @throws ConfigError if `root` exists and is not an empty folder, RecordError if it cannot be written.
   static RunFolder create(const std::filesystem::path& root, const Plan& plan);
   /// @throws ConfigError if `root` exists and is not an empty folder.
   static void require_new(const std::filesystem::path& root);

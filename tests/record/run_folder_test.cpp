@@ -30,6 +30,25 @@ TakenPose taken_at(const Plan& plan, std::size_t index) {
   return taken;
 }
 
+TEST(RunFolder, OneThatWasKilledBeforeItsPlanIsAsGoodAsEmptyAndNoOther) {
+  const TemporaryFolder temporary;
+  for (const char* part : {"images", "tables", "figures"})
+    std::filesystem::create_directories(temporary / "run" / part);
+  write_atomically(temporary / "run/plan.json.tmp1234", "{");
+  (void)RunFolder::create(temporary / "run", small_plan());
+  EXPECT_FALSE(std::filesystem::exists(temporary / "run/plan.json.tmp1234"));
+  EXPECT_THROW(RunFolder::require_new(temporary / "run"), ConfigError) << "it has a plan now";
+
+  for (const char* file : {"other/images/mine.png", "other/mine.txt", "other/notes.tmp1"}) {
+    const std::filesystem::path mine = temporary / file;
+    std::filesystem::remove_all(temporary / "other");
+    std::filesystem::create_directories(mine.parent_path());
+    write_atomically(mine, "mine");
+    EXPECT_THROW((void)RunFolder::create(temporary / "other", small_plan()), ConfigError) << file;
+    EXPECT_TRUE(std::filesystem::exists(mine));
+  }
+}
+
 TEST(RunFolder, JoinsPlanAndJournal) {
   const TemporaryFolder temporary;
   const Plan plan = small_plan();
