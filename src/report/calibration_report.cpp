@@ -12,6 +12,7 @@
 #include "src/record/folder.h"
 #include "src/report/html_report.h"
 #include "src/report/published.h"
+#include "src/report/table.h"
 
 namespace turntable {
 namespace {

@@ -15,6 +15,7 @@
 #include "src/core/parallel.h"
 #include "src/record/atomic_file.h"
 #include "src/record/folder.h"
+#include "src/report/table.h"
 
 extern char** environ;
 

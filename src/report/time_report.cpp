@@ -15,6 +15,7 @@
 #include <utility>
 
 #include "src/record/csv.h"
+#include "src/report/table.h"
 
 namespace turntable {
 namespace {
