@@ -4,6 +4,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "src/record/atomic_file.h"
 #include "src/core/errors.h"
 #include "src/record/image_archive.h"
 #include "src/record/run_journal.h"
