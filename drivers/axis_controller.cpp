@@ -11,6 +11,8 @@ namespace turntable {
 namespace {
 
 constexpr double kReplyTimeout_s = 1.0;  // of a controller that is opened without the catalogue
+// Serial servers are seen to close a connection after 20 s to some minutes without traffic.
+constexpr Time kKeptAlive = std::chrono::seconds{5};
 
 }  // namespace
 
@@ -19,10 +21,28 @@ class AxisController::Port {
  public:
   virtual ~Port() = default;
   virtual void trust_reference() = 0;
+  virtual bool stands() const = 0;
   virtual void forbid() = 0;
   virtual void begin_stop() = 0;
   virtual void finish_stop() = 0;
 };
+
+/// What may be said again, on a line that was perhaps closed since it was last used.
+template <class F>
+auto AxisController::on_open_line(F&& exchange) {
+  try {
+    {
+      const auto guard = lock();
+      notice_reopening();
+    }
+    return exchange();
+  } catch (const LineError& closed) {
+    const auto guard = lock();
+    connect_again(closed);
+    notice_reopening();
+  }
+  return exchange();
+}
 
 /// Turns the motion loop's millimetres or degrees into the driver's pulses.
 template <class Q>
@@ -36,19 +56,23 @@ class AxisController::ChannelAxis final : public Port, public AxisPort<Q> {
 
   Axis<Q>* axis() { return &axis_; }
   void trust_reference() override { axis_.trust_reference(); }
+  bool stands() const override { return axis_.stands(); }
   void forbid() override { axis_.forbid(); }
   void begin_stop() override { axis_.begin_stop(); }
   void finish_stop() override { axis_.finish_stop(); }
 
   std::unique_lock<std::recursive_mutex> lock() override { return controller_->lock(); }
   void require_ready() const override { controller_->require_ready(); }
-  bool free() override { return controller_->free(channel()); }
+  bool free() override {
+    return controller_->on_open_line([&] { return controller_->free(channel()); });
+  }
   Acknowledgement start_move(Q from, Q to) override {
     return controller_->start_move(channel(), scale_.to_steps(from), scale_.to_steps(to));
   }
   Acknowledgement start_home() override { return controller_->start_home(channel()); }
   AxisStatus<Q> status(Time deadline) override {
-    AxisStatus<Steps> raw = controller_->status(channel(), deadline);
+    AxisStatus<Steps> raw =
+        controller_->on_open_line([&] { return controller_->status(channel(), deadline); });
     AxisStatus<Q> status;
     if (raw.position) status.position = scale_.from_steps(*raw.position);
     status.motion = raw.motion;
@@ -69,7 +93,10 @@ class AxisController::ChannelAxis final : public Port, public AxisPort<Q> {
 };
 
 AxisController::AxisController(ControllerSetup& setup)
-    : config_(std::move(setup.controller)), clock_(setup.clock) {
+    : config_(std::move(setup.controller)),
+      clock_(setup.clock),
+      line_(std::move(setup.line)),
+      opened_(line_.times_opened()) {
   if (config_.reply_timeout_s <= 0) config_.reply_timeout_s = kReplyTimeout_s;
   for (AxisConfig& axis : setup.axes) {
     for (const Channel& other : channels_)
@@ -125,6 +152,7 @@ std::string AxisController::difference(const Channel& channel, const std::string
 std::vector<std::string> AxisController::connect() {
   const auto guard = lock();
   connected_ = false;
+  opened_ = line_.times_opened();
   std::vector<std::string> differences;
   details_ = observe(differences);
   differences_ = std::move(differences);
@@ -155,7 +183,7 @@ void AxisController::trust_reference(AxisId id) {
   const auto guard = lock();
   for (const Channel& channel : channels_) {
     if (channel.config.id != id) continue;
-    if (!may_be_homed(channel))
+    if (!on_open_line([&] { return may_be_homed(channel); }))
       throw DeviceError(fmt::format(
           "{}: the controller says that it has not been homed since it was switched on. Home it.",
           where(channel)));
@@ -168,6 +196,7 @@ void AxisController::pulse_output(const std::string& name) {
   if (output == config_.outputs.end())
     throw ConfigError("rig", fmt::format("/controllers/{}/outputs", config_.name),
                       fmt::format("has no output \"{}\".", name));
+  keep_alive();  // a pulse may not be given twice
   const auto switched = [&](bool on) {
     const auto guard = lock();
     switch_output(*output, on);
@@ -216,19 +245,57 @@ void AxisController::require_outputs(bool as_text) const {
                               : "a holding register: \"register\", \"on\" and \"off\" as numbers"));
 }
 
+/// A stop is the one command that is worth a new connection while something moves.
 void AxisController::stop_channel(const Channel& channel, bool immediate) {
-  struct Waiting {
-    std::atomic<int>& count;
-    explicit Waiting(std::atomic<int>& c) : count(c) { ++count; }
-    ~Waiting() { --count; }
-  } const waiting(stops_waiting_);
-  const auto guard = lock();
-  struct Stopping {
-    std::atomic<bool>& flag;
-    explicit Stopping(std::atomic<bool>& f) : flag(f) { flag = true; }
-    ~Stopping() { flag = false; }
-  } const stopping(stopping_);
-  send_stop(channel, immediate);
+  const SharedLine::Stop stopping(line_);
+  try {
+    send_stop(channel, immediate);
+  } catch (const LineError&) {
+    if (!line_.can_reopen()) throw;
+    line_.reopen();
+    send_stop(channel, immediate);
+  }
+}
+
+// ---- a line that was closed
+
+/// After the line was opened again, by whomever, the device may be another one or have been switched
+/// off meanwhile: nothing is believed before its set-up has been compared anew. Positions are compared
+/// by each axis before it starts.
+void AxisController::notice_reopening() {
+  if (!connected_ || opened_ == line_.times_opened()) return;
+  if (const auto differences = connect(); !differences.empty())
+    throw DeviceError(fmt::format(
+        "controller {} on {}: the line was closed and opened again, and now the controller is set "
+        "up "
+        "differently from the rig file, so nothing will be moved:\n  {}\nIt may have been switched "
+        "off and on meanwhile. Let it be configured from the rig file, and home its axes.",
+        config_.name, line_name(), fmt::join(differences, "\n  ")));
+}
+
+/// Opens the line again, unless an axis of this controller moves: then the run has to end, and the
+/// stop opens the line for itself.
+void AxisController::connect_again(const LineError& why) {
+  const auto moves = [](const auto& port) { return !port->stands(); };
+  if (!line_.can_reopen() || std::ranges::any_of(ports_, moves)) throw;
+  try {
+    line_.reopen();
+  } catch (const Error& again) {
+    throw LineError(fmt::format("{} It could not be opened again: {} No axis was moving.",
+                                why.what(), again.what()));
+  }
+}
+
+void AxisController::keep_alive() {
+  try {
+    const auto guard = lock();
+    if (!connected_ || !line_.can_reopen() || channels_.empty()) return;
+    if (const auto last = line_.last_byte(); last && clock_->now() - *last < kKeptAlive) return;
+    on_open_line([&] { return status(channels_.front(), clock_->now() + reply_timeout()); });
+  } catch (const Interrupted&) {
+    throw;
+  } catch (const Error&) {  // whoever moves next will hear of it
+  }
 }
 
 void AxisController::forbid_all() {
@@ -236,24 +303,38 @@ void AxisController::forbid_all() {
 }
 
 /// Every axis is told before any is told again: a drive that does not answer must not keep the
-/// others waiting.
+/// others waiting. Whether an axis heard it is for `finish_stop_all` to see.
 void AxisController::begin_stop_all() {
-  std::vector<Port*> again;
-  once_ = true;
-  for (const auto& port : ports_) try {
-      port->begin_stop();
-    } catch (const Error&) {
-      again.push_back(port.get());
+  not_told_.assign(ports_.size(), nullptr);
+  for (const bool again : {false, true}) {
+    once_ = !again;
+    for (std::size_t i = 0; i < ports_.size(); ++i) {
+      if (again && !not_told_[i]) continue;
+      try {
+        not_told_[i] = nullptr;
+        ports_[i]->begin_stop();
+      } catch (const Error&) {
+        not_told_[i] = std::current_exception();
+      }
     }
-  once_ = false;
-  Attempts tried;
-  for (Port* port : again) tried([&] { port->begin_stop(); });
-  tried.rethrow();
+  }
 }
 
+/// An axis that is seen to stand has stopped, whether it acknowledged that or not. One that was seen to
+/// stand before, and was told nothing since, stands although its controller cannot be reached any more.
 void AxisController::finish_stop_all() {
   Attempts tried;
-  for (const auto& port : ports_) tried([&] { port->finish_stop(); });
+  for (std::size_t i = 0; i < ports_.size(); ++i) try {
+      ports_[i]->finish_stop();
+    } catch (const Error& e) {
+      const bool silent =
+          dynamic_cast<const LineError*>(&e) != nullptr || dynamic_cast<const TimeoutError*>(&e);
+      if (silent && ports_[i]->stands()) continue;
+      tried([&] {
+        if (i < not_told_.size() && not_told_[i]) std::rethrow_exception(not_told_[i]);
+        throw;
+      });
+    }
   tried.rethrow();
 }
 

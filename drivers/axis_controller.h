@@ -1,9 +1,10 @@
-// What all controllers have in common: axes by channel, each with the one motion loop; one line
-// that is locked for each exchange and on which a stop goes first; nothing moves before the set-up
-// has been compared. A driver supplies the hooks below, in whole pulses: what it makes of them on
+// What all controllers have in common: axes by channel, each with the one motion loop; a line that
+// is locked for each exchange, on which a stop goes first, and which is opened again if it was closed
+// while nothing moved; nothing moves before the set-up has been compared. A driver supplies the hooks below, in whole pulses: what it makes of them on
 // the wire is all that it is about.
 #pragma once
 
+#include <algorithm>
 #include <atomic>
 #include <memory>
 #include <mutex>
@@ -28,6 +29,7 @@ class AxisController : public Controller {
   Axis<Degrees>* rotary_axis(AxisId id) final;
   void trust_reference(AxisId id) final;
   void pulse_output(const std::string& name) final;
+  void keep_alive() final;
   void forbid_all() final;
   void begin_stop_all() final;
   void finish_stop_all() final;
@@ -44,7 +46,7 @@ class AxisController : public Controller {
   };
 
  protected:
-  /// Takes the axes and the configuration out of `setup`, and leaves the line in it.
+  /// Takes the axes and the configuration out of `setup`.
   explicit AxisController(ControllerSetup& setup);
 
   // ---- What a driver supplies. No hook sends a motion command twice.
@@ -71,8 +73,6 @@ class AxisController : public Controller {
   virtual void switch_output(const OutputConfig& output, bool on) = 0;
   /// How often a read may be asked.
   virtual int attempts() const { return 3; }
-  /// The line's name, for messages.
-  virtual const std::string& line_name() const = 0;
 
   // ---- What it may use.
 
@@ -80,9 +80,11 @@ class AxisController : public Controller {
   const ControllerConfig& config() const { return config_; }
   Clock& clock() const { return *clock_; }
   Time reply_timeout() const { return from_seconds(config_.reply_timeout_s); }
-  std::unique_lock<std::recursive_mutex> lock() const { return std::unique_lock(mutex_); }
+  const SharedLine& line() const { return line_; }
+  const std::string& line_name() const { return line_.name(); }
+  std::unique_lock<std::recursive_mutex> lock() const { return line_.lock(); }
   /// True if an exchange should end its waiting because a stop waits for the line.
-  bool gives_way() const { return stops_waiting_ > 0 && !stopping_; }
+  bool gives_way() const { return line_.gives_way(); }
   /// The last thing before the bytes of a motion: what went before may have taken its time.
   /// @throws GaveWay if a stop waits.
   void require_no_stop(const Channel& channel) const;
@@ -97,16 +99,21 @@ class AxisController : public Controller {
   void require_letters(std::string_view letters) const;
   /// @throws ConfigError if an output of the rig file is not of the kind the controller understands.
   void require_outputs(bool as_text) const;
-  /// Reads, and writes of settings, may be said again after silence or noise; motion commands never
-  /// come here.
+  /// Reads, and writes of settings, may be said again after silence or noise, and for a second after
+  /// "busy"; motion commands never come here.
   template <class F>
   auto retried(Time deadline, F&& exchange) {
     const int most = once_ ? 1 : attempts();
+    const Time busy_until = clock_->now() + kBusyPatience;
     for (int attempt = 1;; ++attempt) {
       try {
         return exchange();
       } catch (const GaveWay&) {
         throw;
+      } catch (const BusyError&) {
+        if (once_ || gives_way() || clock_->now() >= std::min(deadline, busy_until)) throw;
+        clock_->sleep_for(kBusyPause);
+        --attempt;
       } catch (const TimeoutError&) {
         if (attempt == most || clock_->now() >= deadline) throw;
       } catch (const ProtocolError&) {
@@ -123,14 +130,21 @@ class AxisController : public Controller {
   Axis<Q>* find(AxisId id);
   void require_ready() const;
   void stop_channel(const Channel& channel, bool immediate);
+  void notice_reopening();
+  void connect_again(const LineError& why);
+  template <class F>
+  auto on_open_line(F&& exchange);
+
+  static constexpr Time kBusyPause = std::chrono::milliseconds{50};
+  static constexpr Time kBusyPatience = std::chrono::seconds{1};
 
   ControllerConfig config_;
   Clock* clock_;
   std::vector<Channel> channels_;
   std::vector<std::unique_ptr<Port>> ports_;  ///< by channel
-  mutable std::recursive_mutex mutex_;        ///< the line, and all that is below
-  std::atomic<int> stops_waiting_{0};
-  std::atomic<bool> stopping_{false};
+  std::vector<std::exception_ptr> not_told_;  ///< by channel: why the last stop was not acknowledged
+  SharedLine line_;                           ///< its lock guards all that is below, too
+  unsigned opened_;                           ///< the line's count of openings, as last seen
   std::atomic<bool> once_{false};  ///< several axes are being stopped: nobody is asked twice yet
   bool connected_ = false;
   std::string details_;

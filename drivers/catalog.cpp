@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cassert>
+#include <charconv>
 
 #include "drivers/camera_folder.h"
 #include "drivers/camera_gige.h"
@@ -12,6 +13,7 @@
 #include "drivers/zolix_mc600.h"
 #include "drivers/zolix_sc300.h"
 #include "drivers/zolix_zc300.h"
+#include "protocols/modbus_master.h"
 #include "protocols/serial.h"
 #include "protocols/tcp.h"
 #include "src/core/errors.h"
@@ -70,7 +72,72 @@ const ControllerModel& model_of(const ControllerConfig& controller) {
 
 }  // namespace
 
+namespace {
+
+/// Of the serial line, where that is known. Behind a serial server it is not: the slowest usual one.
+int baud_of(const ControllerConfig& controller) {
+  constexpr int kBehindServer = 9600;
+  if (controller.line.kind == LineConfig::Kind::kTcp) return kBehindServer;
+  return controller.line.baud != 0 ? controller.line.baud : model_of(controller).default_baud;
+}
+
+/// The Modbus slaves that a controller of the rig file stands for: itself, or one for each axis.
+std::vector<int> slaves_of(const RigFile& rig, const ControllerConfig& controller) {
+  if (model_of(controller).own_key == "address") return {controller.address};
+  std::vector<int> slaves;
+  for (const auto& [id, axis] : rig.axes) {
+    int slave = 0;
+    const char* end = axis.channel.data() + axis.channel.size();
+    if (axis.controller == controller.name &&
+        std::from_chars(axis.channel.data(), end, slave).ec == std::errc())
+      slaves.push_back(slave);
+  }
+  return slaves;
+}
+
+void check_shared(const RigFile& rig, const ControllerConfig& a, const ControllerConfig& b) {
+  const auto refuse = [&](std::string_view key, const std::string& why) {
+    throw ConfigError("rig", fmt::format("/controllers/{}/{}", b.name, key), why);
+  };
+  const std::string same =
+      fmt::format("is the line of controller {} too (/controllers/{}/line)", a.name, a.name);
+  for (const ControllerConfig* controller : {&a, &b})
+    if (!speaks_modbus(*controller))
+      refuse("line",
+             fmt::format("{}, and {} cannot share a line: it does not answer by address, as "
+                         "Modbus does. Give each controller a line of its own.",
+                         same, controller->model));
+  if (a.line.kind != b.line.kind)
+    refuse("line", same +
+                       ", which one of them calls a serial server (\"tcp\") and the other a Modbus "
+                       "gateway (\"modbus_tcp\"). Correct one of them.");
+  if (baud_of(a) != baud_of(b) || a.line.parity != b.line.parity ||
+      a.line.stop_bits != b.line.stop_bits)
+    refuse("line", fmt::format("{}, at another baud rate, parity or number of stop bits ({} and {} "
+                               "baud). All on one line have to be set alike.",
+                               same, baud_of(a), baud_of(b)));
+  const std::vector<int> taken = slaves_of(rig, a);
+  for (const int slave : slaves_of(rig, b))
+    if (std::ranges::find(taken, slave) != taken.end())
+      refuse(model_of(b).own_key == "address" ? "address" : "line",
+             fmt::format(
+                 "slave {} on this line is controller {}'s already. Give every slave of a line "
+                 "an address of its own.",
+                 slave, a.name));
+}
+
+}  // namespace
+
 bool speaks_modbus(const ControllerConfig& controller) { return model_of(controller).modbus; }
+
+void check_controllers(const RigFile& rig) {
+  for (auto b = rig.controllers.begin(); b != rig.controllers.end(); ++b) {
+    check_controller(*b);
+    const std::string line = line_id(b->line);
+    for (auto a = rig.controllers.begin(); a != b; ++a)
+      if (!line.empty() && line_id(a->line) == line) check_shared(rig, *a, *b);
+  }
+}
 
 void check_controller(const ControllerConfig& controller) {
   const std::string_view own_key = model_of(controller).own_key;
@@ -93,24 +160,31 @@ std::unique_ptr<Controller> open_controller(ControllerSetup setup) {
   const ControllerModel& model = model_of(setup.controller);
   if (setup.controller.reply_timeout_s == 0)
     setup.controller.reply_timeout_s = model.reply_timeout_s;
+  if (model.modbus && setup.controller.line.kind != LineConfig::Kind::kModbusTcp)
+    setup.line.want_silence(rtu_silence(baud_of(setup.controller)));
   return model.open(std::move(setup));
 }
 
-Line open_line(const ControllerConfig& controller) {
+SharedLine open_line(const ControllerConfig& controller, const WireLog& log) {
   check_controller(controller);
-  const LineConfig& line = controller.line;
-  if (line.kind == LineConfig::Kind::kSerial)
-    return open_serial(line.serial_port,
-                       line.baud != 0 ? line.baud : model_of(controller).default_baud, line.parity,
-                       line.stop_bits);
-  assert(line.kind != LineConfig::Kind::kSimulated);  // that is one end of a line_pair
-  return open_tcp(line.host, line.tcp_port, kConnectTimeout);
+  const LineConfig config = controller.line;
+  assert(config.kind != LineConfig::Kind::kSimulated);  // that is one end of a line_pair
+  return SharedLine([config, baud = baud_of(controller), log] {
+    Line line = config.kind == LineConfig::Kind::kSerial
+                    ? open_serial(config.serial_port, baud, config.parity, config.stop_bits)
+                    : open_tcp(config.host, config.tcp_port, kConnectTimeout);
+    if (config.kind == LineConfig::Kind::kSerial) line.set_byte_time(from_seconds(11.0 / baud));
+    line.set_log(log);
+    return line;
+  });
 }
 
 std::string identify(Clock& clock, const std::function<Line(const ControllerModel&)>& open) {
   for (const ControllerModel& model : kControllers) {
     try {
-      if (const std::string who = model.identify(open(model), clock); !who.empty())
+      SharedLine line(open(model));
+      if (model.modbus) line.want_silence(rtu_silence(model.default_baud));
+      if (const std::string who = model.identify(line, clock); !who.empty())
         return fmt::format("{} ({})", who, model.model);
     } catch (const Interrupted&) {
       throw;

@@ -22,7 +22,7 @@ struct ControllerModel {
   std::string_view own_key;  ///< of the optional keys of the rig file, the one that it looks at
   std::unique_ptr<Controller> (*open)(ControllerSetup);  ///< talks to nobody yet
   /// Asks who is there, by queries alone; empty if it is another model, or nobody.
-  std::string (*identify)(Line, Clock&);
+  std::string (*identify)(SharedLine, Clock&);
 };
 
 std::span<const ControllerModel> controller_models();
@@ -34,12 +34,17 @@ bool speaks_modbus(const ControllerConfig& controller);
 /// speak Modbus, or a key that the model does not use.
 void check_controller(const ControllerConfig& controller);
 
+/// Looks at all controllers of a rig together. Those that name the same line share it, if they speak
+/// Modbus, state the same line set-up and have different slaves.
+/// @throws ConfigError as `check_controller`, and for controllers that cannot share their line.
+void check_controllers(const RigFile& rig);
+
 /// @throws ConfigError for an unknown model or channel.
 std::unique_ptr<Controller> open_controller(ControllerSetup setup);
 
-/// Opens a controller's serial or TCP line (a simulated one has two ends: `line_pair`).
-/// @throws LineError, TimeoutError.
-Line open_line(const ControllerConfig& controller);
+/// Opens a controller's serial or TCP line (a simulated one has two ends: `line_pair`), so that it can
+/// be opened again. @param log sees every byte. @throws LineError, TimeoutError.
+SharedLine open_line(const ControllerConfig& controller, const WireLog& log = {});
 
 /// Asks, model by model and by queries alone, who is at a line that nobody else has.
 /// @param open opens it as the model needs it. @return what answered, or why nobody did.

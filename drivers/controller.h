@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "protocols/line.h"
+#include "protocols/shared_line.h"
 #include "src/core/axis.h"
 #include "src/core/clock.h"
 #include "src/core/rig_file.h"
@@ -35,10 +35,15 @@ class Controller {
   /// Switches a digital output of the rig file on and, after its pulse, off again.
   /// @throws ConfigError if there is no such output, DeviceError if the controller refuses.
   virtual void pulse_output(const std::string& name) = 0;
+  /// Says something harmless if the line has been idle for long, and opens it again if it was closed
+  /// meanwhile: serial servers close what nobody uses. For whoever waits while the axes stand. Trouble
+  /// is left to the next command.
+  virtual void keep_alive() = 0;
   /// Stops every axis: forbids all motion, sends all commands, then verifies. Any thread, any state.
-  /// The first error is thrown after all have been tried.
+  /// The first error of an axis that is not known to stand is thrown after all have been tried.
   void stop_all();
-  /// The three parts of it, for a rig of several controllers: from the first on nothing starts.
+  /// The three parts of it, for a rig of several controllers: from the first on nothing starts. The
+  /// second one throws nothing: whether an axis heard its stop is seen by the third.
   virtual void forbid_all() = 0;
   virtual void begin_stop_all() = 0;
   virtual void finish_stop_all() = 0;
@@ -64,18 +69,16 @@ class Attempts {
 };
 
 inline void Controller::stop_all() {
-  Attempts tried;
   forbid_all();
-  tried([&] { begin_stop_all(); });
-  tried([&] { finish_stop_all(); });
-  tried.rethrow();
+  begin_stop_all();
+  finish_stop_all();
 }
 
 /// What a controller is opened with.
 struct ControllerSetup {
   ControllerConfig controller;
   std::vector<AxisConfig> axes;  ///< those on this controller
-  Line line;
+  SharedLine line;               ///< other controllers may talk on it too
   Clock* clock;
 };
 

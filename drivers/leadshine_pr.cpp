@@ -206,7 +206,6 @@ class LeadshinePr final : public AxisController {
   bool may_be_homed(const Channel& channel) override;
   void send_stop(const Channel& channel, bool immediate) override;
   void switch_output(const OutputConfig& output, bool on) override;
-  const std::string& line_name() const override { return master_.line().name(); }
 
  private:
   Drive& drive(const Channel& channel) { return drives_[channel.index]; }
@@ -228,7 +227,7 @@ class LeadshinePr final : public AxisController {
 
 LeadshinePr::LeadshinePr(ControllerSetup setup)
     : AxisController(setup),
-      master_(std::move(setup.line), clock(),
+      master_(line(), clock(),
               config().line.kind == LineConfig::Kind::kModbusTcp ? ModbusMaster::Framing::kTcp
                                                                  : ModbusMaster::Framing::kRtu,
               reply_timeout(), [this] { return gives_way(); }) {
@@ -274,9 +273,9 @@ void LeadshinePr::write(const std::string& who, int slave, std::uint16_t address
          },
          [&] {
            if (values.size() == 1)
-             master_.write_register(slave, address, values[0]);
+             master_.write_register(slave, address, values[0], ModbusMaster::Repeat::kAllowed);
            else
-             master_.write_registers(slave, address, values);
+             master_.write_registers(slave, address, values, ModbusMaster::Repeat::kAllowed);
          });
   });
 }
@@ -442,7 +441,7 @@ std::unique_ptr<Controller> open_leadshine_pr(ControllerSetup setup) {
   return std::make_unique<LeadshinePr>(std::move(setup));
 }
 
-std::string identify_leadshine_pr(Line line, Clock& clock) {
+std::string identify_leadshine_pr(SharedLine line, Clock& clock) {
   ModbusMaster master(std::move(line), clock, ModbusMaster::Framing::kRtu, kIdentify);
   std::string slaves;
   for (int slave = 1; slave <= kIdentifiedSlaves; ++slave) {

@@ -22,6 +22,6 @@ std::unique_ptr<Controller> open_leadshine_pr(ControllerSetup setup);
 
 /// Asks slaves 1 to 8 who is there, by queries alone. @return what to call them; empty if none of
 /// them answers as such a drive does.
-std::string identify_leadshine_pr(Line line, Clock& clock);
+std::string identify_leadshine_pr(SharedLine line, Clock& clock);
 
 }  // namespace turntable

@@ -185,11 +185,13 @@ AxisStatus<Q> MotionAxis<Q>::read_status() {
 template <class Q>
 AxisStatus<Q> MotionAxis<Q>::heeded_status() {
   AxisStatus<Q> status = read_status();
+  const auto lock = port_->lock();
   if (!status.fault.empty()) {
-    const auto lock = port_->lock();
     homed_ = false;
     lost_because_ = status.fault;
   }
+  if (status.motion == Motion::kEnded && (phase_ == Phase::kIdle || phase_ == Phase::kArrived))
+    stands_ = true;
   return status;
 }
 
@@ -302,6 +304,7 @@ void MotionAxis<Q>::send_leg() {
   move_.ended_since.reset();
   move_.inside_since.reset();
   move_.outside_since.reset();
+  if (!same_pulse(from, to)) stands_ = false;
   move_.acknowledged =
       same_pulse(from, to) ? Acknowledgement::kReceived : port_->start_move(from, to);
   move_.last_change = clock_->now();
@@ -498,6 +501,7 @@ bool MotionAxis<Q>::settled(Q position, Time now) {
     arrival_.position = position;
     arrival_.missed = missed;
     left_at_ = position;
+    stands_ = true;
     phase_ = Phase::kArrived;
     return true;
   };
@@ -562,6 +566,7 @@ void MotionAxis<Q>::find_home(unsigned generation) {
     if (!port_->free()) return false;
     began = clock_->now();
     deadline = began + from_seconds(home_deadline_seconds());
+    stands_ = false;
     port_->start_home();  // a lost acknowledgement shows in the positions
     return true;
   };
@@ -619,6 +624,7 @@ void MotionAxis<Q>::find_home(unsigned generation) {
   throw_if_stopped(generation);
   phase_ = Phase::kIdle;
   left_at_ = last;
+  stands_ = true;
   lost_because_.clear();
   homed_ = true;
 }
@@ -673,6 +679,7 @@ void MotionAxis<Q>::finish_stop() {
     if (phase_ == Phase::kHoming || immediate || fault || odd_place(last)) homed_ = false;
     phase_ = Phase::kIdle;
     left_at_ = last;
+    stands_ = true;
     approach_known_ = false;
   });
 }

@@ -90,6 +90,9 @@ class MotionAxis final : public Axis<Q> {
   /// has gone wrong since.
   void trust_reference() { homed_ = true; }
 
+  /// True once the axis was seen to stand and has not been told to move since.
+  bool stands() const { return stands_; }
+
   /// The parts of `stop`, for a controller that stops several axes: forbid all, send all, verify all.
   /// What was asked for before never starts after `forbid`.
   void forbid() { ++stops_; }
@@ -156,7 +159,9 @@ class MotionAxis final : public Axis<Q> {
   std::atomic<unsigned> stops_{
       0};  ///< bumped by every stop: what was asked before it never starts after it
 
-  // Guarded by port_->lock().
+  std::atomic<bool> stands_{false};
+
+  // Guarded by port_->lock(), and so is what is written to the one above.
   Phase phase_ = Phase::kIdle;
   Move move_;
   Arrival<Q> arrival_;

@@ -64,7 +64,6 @@ class Mc600 final : public AxisController {
   AxisStatus<Steps> status(const Channel& channel, Time deadline) override;
   void send_stop(const Channel& channel, bool immediate) override;
   void switch_output(const OutputConfig& output, bool on) override;
-  const std::string& line_name() const override { return dialog_.line().name(); }
 
  private:
   struct Setting {
@@ -87,7 +86,7 @@ class Mc600 final : public AxisController {
 
 Mc600::Mc600(ControllerSetup setup)
     : AxisController(setup),
-      dialog_(std::move(setup.line), clock(),
+      dialog_(line(), clock(),
               [this](std::string_view line) { return take_completion(line); }),
       ended_(channels().size()) {
   require_letters(kChannels);
@@ -258,7 +257,7 @@ std::unique_ptr<Controller> open_zolix_mc600(ControllerSetup setup) {
   return std::make_unique<Mc600>(std::move(setup));
 }
 
-std::string identify_zolix_mc600(Line line, Clock& clock) {
+std::string identify_zolix_mc600(SharedLine line, Clock& clock) {
   AsciiDialog dialog(std::move(line), clock, {});
   dialog.resync(kQuiet, kResync);  // what others may have said to it before
   try {

@@ -15,6 +15,6 @@ namespace turntable {
 std::unique_ptr<Controller> open_zolix_mc600(ControllerSetup setup);
 
 /// Asks who is there, by queries alone. @return what to call it; empty if it is no MC600.
-std::string identify_zolix_mc600(Line line, Clock& clock);
+std::string identify_zolix_mc600(SharedLine line, Clock& clock);
 
 }  // namespace turntable

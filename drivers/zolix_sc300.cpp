@@ -78,7 +78,6 @@ class Sc300 final : public AxisController {
   AxisStatus<Steps> status(const Channel& channel, Time deadline) override;
   void send_stop(const Channel& channel, bool immediate) override;
   void switch_output(const OutputConfig& output, bool on) override;
-  const std::string& line_name() const override { return dialog_.line().name(); }
 
  private:
   /// What an axis was last told to do, until it is told something else.
@@ -150,7 +149,7 @@ class Sc300 final : public AxisController {
 
 Sc300::Sc300(ControllerSetup setup)
     : AxisController(setup),
-      dialog_(std::move(setup.line), clock(),
+      dialog_(line(), clock(),
               [this](std::string_view line) { return take_line(line); }),
       states_(channels().size()) {
   require_letters(kChannels);
@@ -485,7 +484,7 @@ std::unique_ptr<Controller> open_zolix_sc300(ControllerSetup setup) {
   return std::make_unique<Sc300>(std::move(setup));
 }
 
-std::string identify_zolix_sc300(Line line, Clock& clock) {
+std::string identify_zolix_sc300(SharedLine line, Clock& clock) {
   AsciiDialog dialog(std::move(line), clock, {});
   dialog.resync(kQuiet, kResync);  // what others may have said to it before
   try {

@@ -33,6 +33,6 @@ namespace turntable {
 std::unique_ptr<Controller> open_zolix_sc300(ControllerSetup setup);
 
 /// Asks who is there, by queries alone. @return what to call it; empty if it is no SC300.
-std::string identify_zolix_sc300(Line line, Clock& clock);
+std::string identify_zolix_sc300(SharedLine line, Clock& clock);
 
 }  // namespace turntable

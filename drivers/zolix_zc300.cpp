@@ -102,7 +102,6 @@ class Zc300 final : public AxisController {
   void switch_output(const OutputConfig& output, bool on) override;
   /// Each axis that ends its motion meanwhile costs one.
   int attempts() const override { return 3 + static_cast<int>(channels().size()); }
-  const std::string& line_name() const override { return master_.line().name(); }
 
  private:
   struct Setting {
@@ -161,7 +160,7 @@ class Zc300 final : public AxisController {
 
 Zc300::Zc300(ControllerSetup setup)
     : AxisController(setup),
-      master_(std::move(setup.line), clock(),
+      master_(line(), clock(),
               config().line.kind == LineConfig::Kind::kModbusTcp ? ModbusMaster::Framing::kTcp
                                                                  : ModbusMaster::Framing::kRtu,
               reply_timeout(), [this] { return gives_way(); }),
@@ -196,9 +195,9 @@ void Zc300::write_words(const std::string& who, int number, std::span<const std:
   retried(Time::max(), [&] {
     exchange(who, fmt::format("writing register {}", number), [&] {
       if (words.size() == 1)
-        master_.write_register(slave(), wire(number), words[0]);
+        master_.write_register(slave(), wire(number), words[0], ModbusMaster::Repeat::kAllowed);
       else
-        master_.write_registers(slave(), wire(number), words);
+        master_.write_registers(slave(), wire(number), words, ModbusMaster::Repeat::kAllowed);
     });
   });
 }
@@ -475,7 +474,7 @@ void Zc300::send_stop(const Channel& channel, bool immediate) {
   const std::array<std::uint16_t, 2> block{immediate ? kHalt : kSlowStop, code_of(channel)};
   retried(Time::max(), [&] {
     try {
-      master_.write_registers(slave(), wire(kOpcode), block);
+      master_.write_registers(slave(), wire(kOpcode), block, ModbusMaster::Repeat::kAllowed);
     } catch (const ModbusException&) {
       // Whether the axis halts is seen by its position, so any kind of answer will do.
     }
@@ -492,7 +491,8 @@ void Zc300::switch_output(const OutputConfig& output, bool on) {
   retried(Time::max(), [&] {
     exchange(who, fmt::format("writing wire register {}", *output.register_at), [&] {
       master_.write_register(output.slave, static_cast<std::uint16_t>(*output.register_at),
-                             on ? output.on_value : output.off_value);
+                             on ? output.on_value : output.off_value,
+                             ModbusMaster::Repeat::kAllowed);
     });
   });
 }
@@ -503,7 +503,7 @@ std::unique_ptr<Controller> open_zolix_zc300(ControllerSetup setup) {
   return std::make_unique<Zc300>(std::move(setup));
 }
 
-std::string identify_zolix_zc300(Line line, Clock& clock) {
+std::string identify_zolix_zc300(SharedLine line, Clock& clock) {
   ModbusMaster master(std::move(line), clock, ModbusMaster::Framing::kRtu, kIdentify);
   for (int attempt = 0; attempt < 2; ++attempt) {  // it may miss one request
     try {

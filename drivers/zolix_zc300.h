@@ -34,6 +34,6 @@ namespace turntable {
 std::unique_ptr<Controller> open_zolix_zc300(ControllerSetup setup);
 
 /// Asks slave 1 who is there, by queries alone. @return what to call it; empty if it is no ZC300.
-std::string identify_zolix_zc300(Line line, Clock& clock);
+std::string identify_zolix_zc300(SharedLine line, Clock& clock);
 
 }  // namespace turntable

@@ -12,6 +12,7 @@ namespace turntable {
 namespace {
 
 constexpr Time kSlice = std::chrono::milliseconds{20};
+constexpr std::size_t kMostPumped = 64 * 1024;  // a line that is flooded is never empty
 
 /// For messages: noise must not spoil a terminal or a journal.
 std::string printable(std::string_view text) {
@@ -33,13 +34,24 @@ std::string upper(std::string_view text) {
   return s;
 }
 
-AsciiDialog::AsciiDialog(Line line, Clock& clock, Predicate unsolicited)
-    : line_(std::move(line)), clock_(&clock), unsolicited_(std::move(unsolicited)) {}
+AsciiDialog::AsciiDialog(SharedLine line, Clock& clock, Predicate unsolicited)
+    : line_(std::move(line)),
+      opened_(line_.times_opened()),
+      clock_(&clock),
+      unsolicited_(std::move(unsolicited)) {}
+
+void AsciiDialog::notice_reopening() {
+  if (std::exchange(opened_, line_.times_opened()) == line_.times_opened()) return;
+  pending_.clear();
+  overlong_ = false;
+  in_step_ = false;
+  cut_off_ = true;
+}
 
 /// Reads what is there into `pending_`. @return number of bytes.
 std::size_t AsciiDialog::read_pending() {
   std::array<char, 512> buffer;
-  const std::size_t n = line_.read_available(buffer, clock_->now());
+  const std::size_t n = line().read_available(buffer, clock_->now());
   pending_.append(buffer.data(), n);
   return n;
 }
@@ -66,10 +78,14 @@ std::optional<std::string> AsciiDialog::next_line() {
 }
 
 void AsciiDialog::pump() {
-  do {
+  notice_reopening();
+  for (std::size_t total = 0, n = 1; n > 0 && total < kMostPumped; total += n) {
     while (next_line()) {
     }
-  } while (read_pending() > 0);
+    n = read_pending();
+  }
+  while (next_line()) {
+  }
 }
 
 /// Ends what was half said; a command that was cut off must not be carried out as it stands.
@@ -77,7 +93,7 @@ std::string AsciiDialog::line_end() const { return cut_off_ ? "!\r" : "\r"; }
 
 void AsciiDialog::send(std::string_view bytes, Time deadline) {
   cut_off_ = true;
-  line_.write(bytes, *clock_, deadline);
+  line().write(bytes, *clock_, deadline);
   cut_off_ = false;
 }
 
@@ -91,10 +107,11 @@ void AsciiDialog::tell(std::string_view command, Time timeout) {
 }
 
 void AsciiDialog::resync(Time quiet, Time at_most) {
+  notice_reopening();
   in_step_ = false;
   const Time end = clock_->now() + at_most;
   send(line_end(), end);
-  while (clock_->wait_readable(line_.descriptor(), std::min(end, clock_->now() + quiet)) &&
+  while (clock_->wait_readable(line().descriptor(), std::min(end, clock_->now() + quiet)) &&
          clock_->now() < end)
     pump();
   pump();
@@ -110,7 +127,7 @@ std::string AsciiDialog::ask(std::string_view command, Time timeout, const Predi
   std::string bytes = in_step_ ? "" : line_end();
   bytes.append(command).push_back('\r');
   in_step_ = false;
-  const Time deadline = clock_->now() + timeout;
+  const Time deadline = clock_->now() + timeout, patience = clock_->now() + kSlice;
   send(bytes, deadline);
   std::string skipped;
   for (;;) {
@@ -121,12 +138,14 @@ std::string AsciiDialog::ask(std::string_view command, Time timeout, const Predi
       }
       skipped = std::move(*text);
     }
-    if (read_pending() > 0) continue;
-    const Time slice = give_way ? std::min(deadline, clock_->now() + kSlice) : deadline;
-    if (clock_->wait_readable(line_.descriptor(), slice)) continue;
-    if (clock_->now() >= deadline) break;
-    if (give_way())
+    const Time now = clock_->now();
+    if (now >= deadline) break;
+    // An answer that is just arriving is waited for; a flood is not.
+    if (give_way && now >= patience && give_way())
       throw GaveWay(fmt::format("{}: \"{}\" gave way to a stop", line_.name(), command));
+    if (clock_->wait_readable(line().descriptor(),
+                              give_way ? std::min(deadline, now + kSlice) : deadline))
+      read_pending();
   }
   if (!skipped.empty() || !pending_.empty())
     throw ProtocolError(

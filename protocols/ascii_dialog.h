@@ -7,7 +7,7 @@
 #include <string>
 #include <string_view>
 
-#include "protocols/line.h"
+#include "protocols/shared_line.h"
 
 namespace turntable {
 
@@ -23,19 +23,19 @@ class AsciiDialog {
 
   /// @param unsolicited is shown every line first; true = it was one the device sends by itself,
   /// and has been dealt with. Called from within the functions below.
-  AsciiDialog(Line line, Clock& clock, Predicate unsolicited);
+  AsciiDialog(SharedLine line, Clock& clock, Predicate unsolicited);
 
   /// Sends `command` and CR once; returns the first line that `accept` takes for its answer. Stale
   /// input is dealt with before sending, lines that nobody takes are skipped.
   /// @param give_way asked every 20 ms while waiting: true ends the wait (somebody more urgent
-  /// needs the line).
+  /// needs the line). The wait ends at its deadline whatever arrives.
   /// @throws TimeoutError if nothing came in time, ProtocolError if only lines came that nobody
   /// took, LineError.
   std::string ask(std::string_view command, Time timeout, const Predicate& accept,
                   const std::function<bool()>& give_way = {});
   /// Sends `command` and CR once, where no answer is due. @throws TimeoutError, LineError.
   void tell(std::string_view command, Time timeout);
-  /// Deals with what has arrived by itself, without waiting. @throws LineError.
+  /// Deals with what has arrived by itself, 64 KiB at most, without waiting. @throws LineError.
   void pump();
   /// Ends a half-sent command so that it is not carried out, then discards answers until the line has been quiet for
   /// `quiet`, at most `at_most`. Unsolicited lines are still dealt with. @throws LineError.
@@ -44,8 +44,7 @@ class AsciiDialog {
   /// command with CR first, but does not wait; call `resync` where there is time for it.
   bool in_step() const { return in_step_; }
 
-  Line& line() { return line_; }
-  const Line& line() const { return line_; }
+  Line& line() { return line_.line(); }
   Clock& clock() { return *clock_; }
 
  private:
@@ -54,7 +53,11 @@ class AsciiDialog {
   std::size_t read_pending();
   std::optional<std::string> next_line();
 
-  Line line_;
+  /// Nothing that was begun on an earlier connection goes on after the line was opened again.
+  void notice_reopening();
+
+  SharedLine line_;
+  unsigned opened_;  ///< the line's count of openings, as last seen
   Clock* clock_;
   Predicate unsolicited_;
   std::string pending_;    ///< bytes not yet made into lines

@@ -18,6 +18,8 @@ namespace {
 
 using std::chrono::milliseconds;
 
+constexpr std::size_t kMostDrained = 64 * 1024;
+
 bool would_block(int error) { return error == EAGAIN || error == EWOULDBLOCK || error == EINTR; }
 
 bool is_socket(int fd) {
@@ -52,6 +54,7 @@ std::size_t Line::write_available(std::string_view bytes, Time now) {
                             : ::write(descriptor_, bytes.data(), bytes.size());
   if (n < 0 && !would_block(errno)) gone(std::strerror(errno));
   const std::size_t sent = n > 0 ? static_cast<std::size_t>(n) : 0;
+  if (sent > 0) last_byte_ = now + static_cast<Time::rep>(sent) * byte_time_;
   if (log_ && sent > 0) log_(Direction::kSent, bytes.substr(0, sent), now);
   return sent;
 }
@@ -74,6 +77,7 @@ std::size_t Line::read_available(std::span<char> buffer, Time now) {
   if (n < 0) gone(std::strerror(errno));
   if (n == 0) gone("closed");
   const auto got = static_cast<std::size_t>(n);
+  last_byte_ = now;
   if (log_) log_(Direction::kReceived, {buffer.data(), got}, now);
   return got;
 }
@@ -89,7 +93,11 @@ std::size_t Line::read(std::span<char> buffer, Clock& clock, Time deadline) {
 std::size_t Line::drain(Time now) {
   std::array<char, 512> buffer;
   std::size_t total = 0;
-  while (const std::size_t n = read_available(buffer, now)) total += n;
+  while (total < kMostDrained) {
+    const std::size_t n = read_available(buffer, now);
+    if (n == 0) break;
+    total += n;
+  }
   return total;
 }
 

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -42,8 +43,15 @@ class Line {
   std::size_t read_available(std::span<char> buffer, Time now);
   /// Writes what fits without waiting. @return how many bytes. @throws LineError (peer gone).
   std::size_t write_available(std::string_view bytes, Time now);
-  /// Throws away what has arrived. @return number of bytes. @throws LineError (peer gone).
+  /// Throws away what has arrived, 64 KiB at most: a line that is flooded is never empty.
+  /// @return number of bytes. @throws LineError (peer gone).
   std::size_t drain(Time now);
+
+  /// When the last byte passed, in either direction; nothing before the first one.
+  std::optional<Time> last_byte() const { return last_byte_; }
+  /// How long a byte takes on the wire, from the baud rate: what was written is under way for so long.
+  /// Zero (the default) where bytes take no time that this program has to know of.
+  void set_byte_time(Time time) { byte_time_ = time; }
 
  private:
   [[noreturn]] void gone(const char* what) const;
@@ -53,6 +61,8 @@ class Line {
   std::string name_;
   std::shared_ptr<void> owner_;
   WireLog log_;
+  std::optional<Time> last_byte_;
+  Time byte_time_{0};
 };
 
 /// Two ends of one line inside this process (socketpair): a driver on one, a simulator on the

@@ -19,8 +19,19 @@ constexpr Time kBusSlice = milliseconds{20};
 constexpr Time kQuiet = milliseconds{50};  // after trouble: nothing more comes
 constexpr Time kUrgentQuiet = milliseconds{5};
 constexpr Time kSettleMost = milliseconds{300};
-constexpr int kGatewayTargetSilent = 0x0B;  // a gateway's own words for a slave's silence
 constexpr std::size_t kExceptionBytes = 2;  // function and code
+constexpr std::size_t kMostKept = 1024;     // of what arrives before an answer does
+constexpr Time kLeastSilence = std::chrono::microseconds{1750};  // at any baud rate
+// Slaves answer within 57 to 73 ms where that was measured (ZC300).
+constexpr Time kAnswerOnItsWay = milliseconds{100};
+
+// Exceptions that are a gateway's own words, or say that the time is wrong and not the request.
+constexpr int kAcknowledged = 0x05, kBusy = 0x06;
+constexpr int kGatewayNoPath = 0x0A, kGatewayTargetSilent = 0x0B;
+
+bool is_read(int function) {
+  return function == MODBUS_FC_READ_HOLDING_REGISTERS || function == MODBUS_FC_READ_INPUT_REGISTERS;
+}
 
 std::uint8_t high(std::uint16_t word) { return static_cast<std::uint8_t>(word >> 8u); }
 std::uint8_t low(std::uint16_t word) { return static_cast<std::uint8_t>(word & 0xFFu); }
@@ -50,6 +61,8 @@ std::string hex(std::string_view bytes) {
 }
 
 }  // namespace
+
+Time rtu_silence(int baud) { return baud > 19200 ? kLeastSilence : from_seconds(3.5 * 11 / baud); }
 
 /// A libmodbus context whose line is a socket pair inside this process.
 class ModbusMaster::Context {
@@ -120,14 +133,16 @@ class ModbusMaster::Context {
   std::array<int, 2> ends_{-1, -1};
 };
 
-ModbusMaster::ModbusMaster(Line line, Clock& clock, Framing framing, Time timeout,
+ModbusMaster::ModbusMaster(SharedLine line, Clock& clock, Framing framing, Time timeout,
                            std::function<bool()> give_way)
     : line_(std::move(line)),
       clock_(&clock),
       framing_(framing),
       timeout_(timeout),
       give_way_(std::move(give_way)),
-      context_(std::make_unique<Context>(framing)) {}
+      context_(std::make_unique<Context>(framing)) {
+  if (framing == Framing::kRtu) line_.want_silence(kLeastSilence);
+}
 
 ModbusMaster::~ModbusMaster() = default;
 
@@ -142,31 +157,33 @@ std::vector<std::uint16_t> ModbusMaster::read_input(int slave, std::uint16_t add
 std::vector<std::uint16_t> ModbusMaster::read(int function, int slave, std::uint16_t address,
                                               int count) {
   const auto words = static_cast<std::size_t>(count);
-  const std::string pdu =
-      exchange(request(function, address, static_cast<std::uint16_t>(count)), slave, 2 + 2 * words);
+  const std::string pdu = exchange(request(function, address, static_cast<std::uint16_t>(count)),
+                                   slave, 2 + 2 * words, Repeat::kAllowed);
   std::vector<std::uint16_t> values;
   for (std::size_t i = 0; i < words; ++i) values.push_back(word_at(pdu, 2 + 2 * i));
   return values;
 }
 
-void ModbusMaster::write_register(int slave, std::uint16_t address, std::uint16_t value) {
-  write(request(MODBUS_FC_WRITE_SINGLE_REGISTER, address, value), slave);
+void ModbusMaster::write_register(int slave, std::uint16_t address, std::uint16_t value,
+                                  Repeat repeat) {
+  write(request(MODBUS_FC_WRITE_SINGLE_REGISTER, address, value), slave, repeat);
 }
 
 void ModbusMaster::write_registers(int slave, std::uint16_t address,
-                                   std::span<const std::uint16_t> values) {
+                                   std::span<const std::uint16_t> values, Repeat repeat) {
   std::string pdu = request(MODBUS_FC_WRITE_MULTIPLE_REGISTERS, address,
                             static_cast<std::uint16_t>(values.size()));
   pdu += static_cast<char>(2 * values.size());
   for (const std::uint16_t value : values) append(pdu, value);
-  write(pdu, slave);
+  write(pdu, slave, repeat);
 }
 
 /// A write is answered by its own first five bytes.
-void ModbusMaster::write(const std::string& pdu, int slave) {
-  const std::string answer = exchange(pdu, slave, 5);
+void ModbusMaster::write(const std::string& pdu, int slave, Repeat repeat) {
+  const auto turn = line_.lock();
+  const std::string answer = exchange(pdu, slave, 5, repeat);
   if (answer == pdu.substr(0, 5)) return;
-  in_step_ = false;
+  line_.set_in_step(false);
   throw ProtocolError(fmt::format("{}: slave {} confirms another write ({}) than the one asked for",
                                   line_.name(), slave, hex(answer)));
 }
@@ -175,58 +192,143 @@ void ModbusMaster::write(const std::string& pdu, int slave) {
 void ModbusMaster::settle() {
   const Time quiet = urgent_ ? kUrgentQuiet : kQuiet;
   const Time end = clock_->now() + (urgent_ ? kUrgentQuiet : kSettleMost);
-  line_.drain(clock_->now());
+  Line& line = line_.line();
+  line.drain(clock_->now());
   while (clock_->now() < end && !(give_way_ && give_way_()) &&
-         clock_->wait_readable(line_.descriptor(), std::min(end, clock_->now() + quiet)))
-    line_.drain(clock_->now());
+         clock_->wait_readable(line.descriptor(), std::min(end, clock_->now() + quiet)))
+    line.drain(clock_->now());
 }
 
-std::string ModbusMaster::exchange(const std::string& pdu, int slave, std::size_t answer_bytes) {
-  if (!in_step_) settle();
-  line_.drain(clock_->now());
+/// Puts a frame on the line, after the silence that has to be between frames. What is on the line then
+/// is no answer to it. A line that is flooded is never silent: what is urgent goes out all the same.
+void ModbusMaster::send(const std::string& frame, Time deadline) {
+  if (!line_.in_step()) settle();
+  line_.line().drain(clock_->now());
+  line_.await_silence(*clock_);
+  line_.line().drain(clock_->now());
+  line_.set_in_step(false);
+  line_.line().write(frame, *clock_, deadline);
+}
+
+/// Drops the master's own frame from the front of what has arrived, where the adapter hands it back.
+/// The answer to function 6 looks like its question, so there the line's habit has to be known; it is
+/// learnt from reads, whose answers never do.
+/// @param due whether it may still come. @return true if what is there may be looked at for an answer.
+bool ModbusMaster::drop_echo(std::string& received, std::string_view frame, int function,
+                             bool& due) {
+  if (!due) return true;
+  const bool known = line_.echoes().value_or(false);
+  if (frame.starts_with(std::string_view(received).substr(0, frame.size()))) {
+    if (received.size() < frame.size()) return !known;
+    if (is_read(function) || known) {
+      line_.set_echoes(true);
+      received.erase(0, frame.size());
+    }
+  }
+  due = false;
+  return true;
+}
+
+std::string ModbusMaster::exchange(const std::string& pdu, int slave, std::size_t answer_bytes,
+                                   Repeat repeat) {
+  const auto turn = line_.lock();
   std::string frame = context_->frame(slave, pdu);
   if (framing_ == Framing::kTcp) {  // libmodbus leaves it at 0 in a raw request
     ++transaction_;
     frame[0] = static_cast<char>(high(transaction_));
     frame[1] = static_cast<char>(low(transaction_));
   }
-  in_step_ = false;
-  const Time deadline = clock_->now() + timeout_;
-  line_.write(frame, *clock_, deadline);
+  send(frame, clock_->now() + timeout_);
+  Line& line = line_.line();
+  const Time sent = clock_->now(), deadline = sent + timeout_;
+  const Time patience = sent + (framing_ == Framing::kRtu ? kAnswerOnItsWay : kBusSlice);
   const int function = byte_at(pdu, 0);
   std::string received;
+  bool echo_due = framing_ == Framing::kRtu;
   std::array<char, 512> buffer;
-  for (bool waited = false;; waited = true) {
-    const std::size_t n = waited ? line_.read_available(buffer, clock_->now()) : 0;
-    if (n > 0) {
-      received.append(buffer.data(), n);
-      const std::string answer = answer_in(received, function, slave, answer_bytes);
-      if (answer.empty()) continue;
-      in_step_ = true;
+  for (;;) {
+    // A stop does not talk into an answer that may be coming: both would be lost.
+    const Time now = clock_->now();
+    if (give_way_ && now >= patience && give_way_())
+      throw GaveWay(fmt::format("{}: an exchange gave way to a stop", line_.name()));
+    if (now >= deadline) break;
+    if (!clock_->wait_readable(line.descriptor(),
+                               give_way_ ? std::min(deadline, now + kBusSlice) : deadline))
+      continue;
+    const std::size_t n = line.read_available(buffer, clock_->now());
+    received.append(buffer.data(), n);
+    if (!drop_echo(received, frame, function, echo_due)) continue;
+    if (const std::string answer = answer_in(received, function, slave, answer_bytes);
+        !answer.empty()) {
+      line_.set_in_step(true);
       if (byte_at(answer, 0) == function) return answer;
-      const int code = byte_at(answer, 1);
-      if (code == kGatewayTargetSilent)
-        throw TimeoutError(fmt::format(
-            "{}: the gateway had no answer from slave {}. Check its power, address and cable.",
-            line_.name(), slave));
-      throw ModbusException(
-          fmt::format("{}: slave {} answers function {} at {} with exception {:02X}", line_.name(),
-                      slave, function, word_at(pdu, 1), code),
-          code);
+      refused(pdu, slave, byte_at(answer, 1), repeat);
     }
-    const Time slice = give_way_ ? std::min(deadline, clock_->now() + kBusSlice) : deadline;
-    if (clock_->wait_readable(line_.descriptor(), slice)) continue;
-    if (clock_->now() >= deadline) break;
-    if (give_way_()) throw GaveWay(fmt::format("{}: an exchange gave way to a stop", line_.name()));
+    // The rest serves the message only: an answer that is still incomplete is shorter than this.
+    if (received.size() > kMostKept) received.erase(0, received.size() - kMostKept / 2);
   }
-  if (received.empty())
+  unanswered(received, frame, slave);
+}
+
+/// What an exception means, by what was asked.
+void ModbusMaster::refused(const std::string& pdu, int slave, int code, Repeat repeat) const {
+  const int function = byte_at(pdu, 0);
+  const std::string what =
+      fmt::format("{}: slave {} answers function {} at {} with exception {:02X}", line_.name(),
+                  slave, function, word_at(pdu, 1), code);
+  if (code == kGatewayTargetSilent)
     throw TimeoutError(fmt::format(
-        "{}: no answer from slave {} within {:g} s. Check power, cable, address and baud rate.",
-        line_.name(), slave, seconds(timeout_)));
-  throw ProtocolError(fmt::format(
-      "{}: slave {} was asked, and what came is no answer to that: {}. Check baud rate, parity, "
-      "cable and termination.",
-      line_.name(), slave, hex(received)));
+        "{}: the gateway had no answer from slave {}. Check its power, address and cable.",
+        line_.name(), slave));
+  if (repeat == Repeat::kAllowed) {
+    if (code == kBusy || (code == kAcknowledged && is_read(function)))
+      throw BusyError(what + (code == kBusy ? " (busy)." : " (accepted, not done yet)."));
+    if (code == kGatewayNoPath && is_read(function))
+      throw TimeoutError(fmt::format(
+          "{}: the gateway has no way to slave {}. Check its set-up, and the slave's address.",
+          line_.name(), slave));
+  }
+  throw ModbusException(what, code);
+}
+
+/// What has arrived is no answer: says why, as far as the bytes tell.
+void ModbusMaster::unanswered(const std::string& received, const std::string& frame,
+                              int slave) const {
+  if (received.empty() && line_.echoes().value_or(false))
+    throw TimeoutError(
+        fmt::format("{}: no answer from slave {} within {:g} s: nothing but this program's own "
+                    "bytes came back, "
+                    "which the adapter hands back. Check power, cable and address.",
+                    line_.name(), slave, seconds(timeout_)));
+  if (received.empty())
+    throw TimeoutError(
+        fmt::format("{}: no answer from slave {} within {:g} s. Check power, cable, address{}.",
+                    line_.name(), slave, seconds(timeout_),
+                    framing_ == Framing::kRtu ? " and baud rate" : " and the gateway's set-up"));
+  std::string differs;
+  const auto add = [&](std::string_view text) {
+    differs += fmt::format("{}{}", differs.empty() ? "" : ", and ", text);
+  };
+  if (framing_ == Framing::kTcp && received.size() >= 8) {
+    if (word_at(received, 0) != word_at(frame, 0))
+      add(fmt::format("transaction {} instead of {}", word_at(received, 0), word_at(frame, 0)));
+    if (word_at(received, 2) != 0)
+      add(fmt::format("protocol {} instead of 0", word_at(received, 2)));
+    if (byte_at(received, 6) != slave)
+      add(fmt::format("unit {} instead of {}", byte_at(received, 6), slave));
+  }
+  if (!differs.empty())
+    throw ProtocolError(fmt::format(
+        "{}: slave {} was asked, and the answer came with {}: {}. The gateway does not repeat what "
+        "it "
+        "was asked with, so its answers cannot be told from late ones. Check its set-up, or take "
+        "another gateway.",
+        line_.name(), slave, differs, hex(received)));
+  throw ProtocolError(
+      fmt::format("{}: slave {} was asked, and what came is no answer to that: {}. Check {}.",
+                  line_.name(), slave, hex(received),
+                  framing_ == Framing::kRtu ? "baud rate, parity, cable and termination"
+                                            : "the gateway's set-up"));
 }
 
 /// The PDU of the first frame in `received` that answers; empty if there is none yet. Noise and
@@ -244,9 +346,8 @@ std::string ModbusMaster::answer_in(std::string_view received, int function, int
     if (framing_ == Framing::kTcp && (word_at(rest, 0) != transaction_ || word_at(rest, 2) != 0 ||
                                       word_at(rest, 4) != bytes + 1))
       continue;
-    const bool reads =
-        function == MODBUS_FC_READ_HOLDING_REGISTERS || function == MODBUS_FC_READ_INPUT_REGISTERS;
-    if (found == function && reads && byte_at(rest, header + 1) != answer_bytes - 2) continue;
+    if (found == function && is_read(function) && byte_at(rest, header + 1) != answer_bytes - 2)
+      continue;
     if (std::string pdu = context_->pdu(rest.substr(0, header + bytes + trailer)); !pdu.empty())
       return pdu;
   }

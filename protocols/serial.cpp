@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 #include <libserialport.h>
 #include <stdlib.h>
+#include <sys/file.h>
 #include <sys/ioctl.h>
 #include <termios.h>
 #include <unistd.h>
@@ -11,6 +12,7 @@
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
 
 #include "src/core/errors.h"
 
@@ -25,6 +27,60 @@ namespace {
                   path, why));
 }
 
+/// The first line of a small file of /proc.
+std::string first_line(const std::filesystem::path& file) {
+  std::ifstream in(file);
+  std::string text;
+  std::getline(in, text);
+  return text;
+}
+
+/// Whether that descriptor of a process holds a lock: a served pty is open at its own server, too.
+bool flocked(const std::filesystem::path& fd) {
+  std::ifstream info(fd.parent_path().parent_path() / "fdinfo" / fd.filename());
+  for (std::string line; std::getline(info, line);)
+    if (line.starts_with("lock:") && line.find("FLOCK") != line.npos) return true;
+  return false;
+}
+
+/// Who has the device open, as far as /proc shows: "process 4711 (picocom)". Processes of other users
+/// are seen by root only.
+std::string holder_of(const std::string& real) {
+  namespace fs = std::filesystem;
+  std::error_code ignored;
+  std::string opener;
+  for (fs::directory_iterator process("/proc", ignored), end; process != end;
+       process.increment(ignored)) {
+    const std::string pid = process->path().filename().string();
+    if (pid.find_first_not_of("0123456789") != pid.npos) continue;
+    for (fs::directory_iterator fd(process->path() / "fd", ignored); fd != end;
+         fd.increment(ignored)) {
+      if (fs::read_symlink(fd->path(), ignored) != real) continue;
+      const std::string who =
+          pid == std::to_string(::getpid())
+              ? "this program itself"
+              : fmt::format("process {} ({})", pid, first_line(process->path() / "comm"));
+      if (flocked(fd->path())) return who;
+      if (pid != std::to_string(::getpid())) opener = who;
+    }
+  }
+  if (!opener.empty()) return opener;
+  return "another program (which one, only its own user or root can see)";
+}
+
+[[noreturn]] void in_use(const std::string& shown, const std::string& real) {
+  throw LineError(fmt::format(
+      "serial port {} is in use by {}. Two programs on one line get parts of each other's "
+      "answers: end that one, or wait for its end.",
+      shown, holder_of(real)));
+}
+
+/// Takes the lock that terminals, pySerial and others take, so that both sides notice.
+void hold(int fd, const std::string& shown, const std::string& real) {
+  if (::flock(fd, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) in_use(shown, real);
+  ::ioctl(fd, TIOCEXCL);  // keeps out who comes later and asks for no lock
+}
+
 /// Without this the terminal would echo, and turn CR into LF.
 void make_raw(int fd, const std::string& path) {
   termios settings{};
@@ -36,8 +92,10 @@ void make_raw(int fd, const std::string& path) {
 
 Line open_pty(const std::string& path) {
   const int fd = ::open(path.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
+  if (fd < 0 && errno == EBUSY) in_use(path, path);
   if (fd < 0) fail(path, std::strerror(errno));
   Line line(fd, path);
+  hold(fd, path, path);
   make_raw(fd, path);
   return line;
 }
@@ -64,7 +122,12 @@ Line open_port(const std::string& path, const std::string& shown, int baud, Pari
     sp_close(p);
     sp_free_port(p);
   });
-  check(sp_open(raw, SP_MODE_READ_WRITE));
+  const sp_return opened = sp_open(raw, SP_MODE_READ_WRITE);
+  if (opened == SP_ERR_FAIL && sp_last_error_code() == EBUSY) in_use(shown, path);
+  check(opened);
+  int fd = -1;
+  check(sp_get_port_handle(raw, &fd));
+  hold(fd, shown, path);
   check(sp_set_baudrate(raw, baud));
   check(sp_set_bits(raw, 8));
   check(sp_set_parity(raw, parity == Parity::kEven  ? SP_PARITY_EVEN
@@ -73,9 +136,6 @@ Line open_port(const std::string& path, const std::string& shown, int baud, Pari
   check(sp_set_stopbits(raw, stop_bits));
   check(sp_set_flowcontrol(raw, SP_FLOWCONTROL_NONE));
   check(sp_flush(raw, SP_BUF_BOTH));
-  int fd = -1;
-  check(sp_get_port_handle(raw, &fd));
-  ::ioctl(fd, TIOCEXCL);  // two programs on one controller is an accident waiting to happen
   return Line(fd, shown, port);
 }
 
@@ -87,6 +147,14 @@ Line open_serial(const std::string& path, int baud, Parity parity, int stop_bits
   if (error) fail(path, error.message());
   return real.starts_with("/dev/pts/") ? open_pty(real)
                                        : open_port(real, path, baud, parity, stop_bits);
+}
+
+std::string line_id(const LineConfig& line) {
+  if (line.kind == LineConfig::Kind::kSimulated) return {};
+  if (line.kind != LineConfig::Kind::kSerial) return fmt::format("{}:{}", line.host, line.tcp_port);
+  std::error_code error;
+  const auto real = std::filesystem::canonical(line.serial_port, error);
+  return error ? line.serial_port : real.string();
 }
 
 std::vector<SerialPort> list_serial_ports() {

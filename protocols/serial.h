@@ -9,11 +9,17 @@
 
 namespace turntable {
 
-/// Opens `path` with 8 data bits, without flow control. Symbolic links are followed. A pty is opened raw through termios, because libserialport knows only ports listed by
-/// the kernel.
-/// @param baud bits per second; has no effect on a pty. @throws LineError.
+/// Opens `path` with 8 data bits, without flow control. Symbolic links are followed. A pty is opened
+/// raw through termios, because libserialport knows only ports listed by the kernel. The port is held
+/// with flock, as terminals and other libraries hold it, and with TIOCEXCL.
+/// @param baud bits per second; has no effect on a pty.
+/// @throws LineError; where another program has the port, it is named as far as the system tells.
 Line open_serial(const std::string& path, int baud, Parity parity = Parity::kNone,
                  int stop_bits = 1);
+
+/// What stands for a line, whichever way a rig file names it: the port's own path, or "host:port".
+/// Empty for a simulated line.
+std::string line_id(const LineConfig& line);
 
 /// A serial port that the system lists.
 struct SerialPort {

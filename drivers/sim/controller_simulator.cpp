@@ -124,6 +124,8 @@ void ControllerSimulator::act(Time now) {
   while (line_) {
     std::size_t n = 0;
     try {
+      const auto last = line_->last_byte();
+      silence_ = last ? now - *last : Time::max();
       n = line_->read_available(buffer, now);
     } catch (const LineError&) {
       unplug();
@@ -141,8 +143,16 @@ void ControllerSimulator::later(Time due, std::function<void(Time)> action) {
 
 // ---- bytes
 
+void ControllerSimulator::hear(std::string_view bytes, Time now, Time silence) {
+  now_ = now;
+  silence_ = silence;
+  receive(bytes, now);
+}
+
 void ControllerSimulator::send(std::string_view bytes) {
-  if (!line_ || bytes.empty()) return;
+  if (bytes.empty()) return;
+  if (bus_) return bus_(bytes, now_);
+  if (!line_) return;
   try {
     line_->write_available(bytes, now_);  // a wire without flow control loses what nobody reads
   } catch (const LineError&) {
@@ -152,7 +162,16 @@ void ControllerSimulator::send(std::string_view bytes) {
 
 void ControllerSimulator::answer(std::string bytes, Time now) {
   if (reply_delay_s_ == 0.0) return send(bytes);
-  later(now + from_seconds(reply_delay_s_), [this, text = std::move(bytes)](Time) { send(text); });
+  answer_at(now + from_seconds(reply_delay_s_), std::move(bytes));
+}
+
+void ControllerSimulator::answer_at(Time due, std::string bytes) {
+  if (bytes.empty()) return;
+  ++answers_due_;
+  later(due, [this, text = std::move(bytes), interruptions = interruptions_](Time) {
+    --answers_due_;
+    if (interruptions == interruptions_) send(text);
+  });
 }
 
 // ---- faults
@@ -258,9 +277,9 @@ void ControllerSimulator::answer(std::string reply, const std::optional<Fault>& 
       return answer(half, now);
     case FaultKind::kSplitReply:
       answer(half, now);
-      return later(due, [this, rest](Time) { send(rest); });
+      return answer_at(due, rest);
     case FaultKind::kLateReply:
-      return later(due, [this, reply](Time) { send(reply); });
+      return answer_at(due, reply);
     case FaultKind::kDuplicatedLine:
       answer(reply, now);
       return answer(reply, now);

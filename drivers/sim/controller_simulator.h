@@ -45,7 +45,18 @@ class ControllerSimulator : public Actor {
   /// Takes the far end of a line; drops the one it had.
   void plug(Line line);
   void unplug();
-  bool plugged() const { return line_.has_value(); }
+  bool plugged() const { return line_.has_value() || bus_; }
+  /// Makes it one of several on a bus, which hands it what the master sends (`hear`) and takes what it
+  /// answers.
+  void join_bus(std::function<void(std::string_view answer, Time)> answers) {
+    bus_ = std::move(answers);
+  }
+  /// @param silence how long the bus had been silent before.
+  void hear(std::string_view bytes, Time now, Time silence);
+  /// True while an answer is being made: whoever talks then talks into it.
+  bool answering() const { return answers_due_ > 0; }
+  /// The answers that are being made are lost.
+  void interrupt_answers() { ++interruptions_; }
   const Line* line() const { return line_ ? &*line_ : nullptr; }
 
   void add_fault(Fault fault) { faults_.push_back({std::move(fault), 0}); }
@@ -91,6 +102,8 @@ class ControllerSimulator : public Actor {
   const std::vector<std::unique_ptr<AxisModel>>& axes() const { return axes_; }
   const ControllerConfig& config() const { return config_; }
   Time now() const { return now_; }
+  /// How long the line had been silent before the bytes that are being received.
+  Time silence() const { return silence_; }
   bool emergency_stop() const { return emergency_stop_; }
   bool alarm(AxisId id) const { return alarms_.contains(id); }
   /// Clears the alarm of one axis, where the controller has a command for that.
@@ -130,6 +143,7 @@ class ControllerSimulator : public Actor {
   AxisModel* model(std::optional<AxisId> id);
   void reset(Time now);
   void answer(std::string bytes, Time now);
+  void answer_at(Time due, std::string bytes);
   void answer(std::string bytes, const std::optional<Fault>& fault, Time now);
 
   ControllerConfig config_;
@@ -145,7 +159,11 @@ class ControllerSimulator : public Actor {
   std::function<void(const std::string&, bool, Time)> output_listener_;
   bool note_requests_ = false;
   std::vector<Request> requests_;
+  std::function<void(std::string_view, Time)> bus_;
+  int answers_due_ = 0;
+  unsigned interruptions_ = 0;
   Time now_{0};
+  Time silence_{Time::max()};
 };
 
 }  // namespace turntable::sim

@@ -229,7 +229,7 @@ void Leadshine::power_up(Time) {
 // ---- requests
 
 void Leadshine::receive(std::string_view bytes, Time now) {
-  framer_.feed(bytes, now);
+  framer_.feed(bytes, now, silence());
   while (const auto request = framer_.next()) take(*request, now);
 }
 

@@ -26,9 +26,10 @@ std::uint16_t modbus_crc(std::string_view bytes) {
   return static_cast<std::uint16_t>(crc.checksum());
 }
 
-void ModbusFramer::feed(std::string_view bytes, Time now) {
+void ModbusFramer::feed(std::string_view bytes, Time now, Time silence) {
   if (now - last_ > kPause) pending_.clear();
   last_ = now;
+  if (!tcp_ && pending_.empty() && silence < kRtuSilence) return;
   pending_ += bytes;
 }
 

@@ -24,12 +24,17 @@ struct ModbusRequest {
   std::uint16_t transaction = 0;      ///< Modbus TCP
 };
 
+/// The least silence before an RTU frame, at any baud rate above 19200 ("MODBUS over serial line" V1.02).
+inline constexpr Time kRtuSilence = std::chrono::microseconds{1750};
+
 class ModbusFramer {
  public:
   explicit ModbusFramer(bool tcp) : tcp_(tcp) {}
 
   /// A pause inside a frame of more than 0.1 s makes what came before it noise.
-  void feed(std::string_view bytes, Time now);
+  /// @param silence how long the line had been silent before. An RTU frame that begins too soon is taken
+  /// for the rest of the frame before, and lost.
+  void feed(std::string_view bytes, Time now, Time silence);
   /// The next whole request. After a bad CRC all that has come is thrown away, as slaves do.
   std::optional<ModbusRequest> next();
   void forget() { pending_.clear(); }

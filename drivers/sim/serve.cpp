@@ -4,6 +4,7 @@
 
 #include <memory>
 #include <ostream>
+#include <set>
 #include <system_error>
 
 #include "protocols/serial.h"
@@ -12,28 +13,27 @@
 namespace turntable::sim {
 namespace fs = std::filesystem;
 
+void link_pty(const std::string& pty, const fs::path& link) {
+  std::error_code error;
+  if (fs::is_symlink(link)) fs::remove(link, error);
+  fs::create_symlink(pty, link, error);
+  if (error)
+    throw LineError(
+        fmt::format("{}: cannot be linked to {}: {}", link.string(), pty, error.message()));
+}
+
 std::string plug_into_pty(ControllerSimulator& simulator, const fs::path& link) {
   Pty pty = make_pty();
-  if (!link.empty()) {
-    std::error_code error;
-    if (fs::is_symlink(link)) fs::remove(link, error);
-    fs::create_symlink(pty.path, link, error);
-    if (error)
-      throw LineError(
-          fmt::format("{}: cannot be linked to {}: {}", link.string(), pty.path, error.message()));
-  }
+  if (!link.empty()) link_pty(pty.path, link);
   simulator.plug(std::move(pty.master));
   return pty.path;
 }
 
-TcpSocket::TcpSocket(ControllerSimulator& simulator, std::uint16_t port, const std::string& address)
-    : simulator_(&simulator), listener_(port, address) {}
-
 void TcpSocket::act(Time now) {
   // A client that has just left makes room for the one that comes: both are seen in one poll.
-  if (simulator_->plugged()) simulator_->act(now);
+  if (plugged_()) device_->act(now);
   while (auto client = listener_.accept())
-    if (!simulator_->plugged()) simulator_->plug(std::move(*client));
+    if (!plugged_()) plug_(std::move(*client));
 }
 
 void serve_controllers(SystemClock& clock, const std::vector<ServedController>& controllers,
@@ -49,17 +49,47 @@ void serve_controllers(SystemClock& clock, const std::vector<ServedController>& 
         if (fs::read_symlink(path, ignored) == target) fs::remove(path, ignored);
     }
   } links;
+  std::vector<std::unique_ptr<Bus>> buses;
+  const auto listen = [&](auto& device, std::uint16_t port) {
+    sockets.push_back(std::make_unique<TcpSocket>(device, port));
+    actors.push_back(sockets.back().get());
+    return fmt::format("127.0.0.1:{}", sockets.back()->port());
+  };
+  std::set<std::string> shared;
   for (const ServedController& served : controllers) {
-    if (served.tcp_port) {
-      sockets.push_back(std::make_unique<TcpSocket>(*served.simulator, *served.tcp_port));
-      actors.push_back(sockets.back().get());
-      out << fmt::format("{} 127.0.0.1:{}\n", served.name, sockets.back()->port());
-    } else {
-      const std::string path = plug_into_pty(*served.simulator, served.link);
-      if (!served.link.empty()) links.paths.emplace_back(served.link, path);
-      out << fmt::format("{} {}\n", served.name, path);
-    }
     actors.push_back(served.simulator);
+    if (!served.line.empty() && shared.contains(served.line)) continue;
+    std::vector<const ServedController*> group;
+    std::vector<ControllerSimulator*> simulators;
+    for (const ServedController& other : controllers)
+      if (&other == &served || (!served.line.empty() && other.line == served.line)) {
+        group.push_back(&other);
+        simulators.push_back(other.simulator);
+      }
+    shared.insert(served.line);
+    std::string where;
+    if (group.size() == 1 && served.tcp_port) {
+      where = listen(*served.simulator, *served.tcp_port);
+    } else if (group.size() == 1) {
+      where = plug_into_pty(*served.simulator);
+    } else {
+      buses.push_back(std::make_unique<Bus>(simulators, served.gateway));
+      if (served.tcp_port) {
+        where = listen(*buses.back(), *served.tcp_port);
+      } else {
+        Pty pty = make_pty();
+        where = pty.path;
+        buses.back()->plug(std::move(pty.master));
+      }
+      actors.push_back(buses.back().get());
+    }
+    for (const ServedController* one : group) {
+      if (!one->tcp_port && !one->link.empty()) {
+        link_pty(where, one->link);
+        links.paths.emplace_back(one->link, where);
+      }
+      out << fmt::format("{} {}\n", one->name, where);
+    }
   }
   out.flush();
   serve(clock, actors);

@@ -3,34 +3,46 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <iosfwd>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "drivers/sim/bus.h"
 #include "drivers/sim/controller_simulator.h"
 #include "protocols/tcp.h"
 
 namespace turntable::sim {
 
-/// Puts `simulator` at the far end of a new pty. @param link if not empty, a symbolic link to it
-/// (replaced if it is one already). @return the path to open as a serial port. @throws LineError.
+/// Links a pty to a name that stays. @param link replaced if it is a symbolic link already.
+/// @throws LineError.
+void link_pty(const std::string& pty, const std::filesystem::path& link);
+
+/// Puts `simulator` at the far end of a new pty. @param link if not empty, a symbolic link to it.
+/// @return the path to open as a serial port. @throws LineError.
 std::string plug_into_pty(ControllerSimulator& simulator, const std::filesystem::path& link = {});
 
-/// Listens, and plugs in one client at a time; a second one is turned away. Both must outlive
-/// `serve`.
+/// Listens, and plugs one client at a time into a simulator or a bus; a second one is turned away. Both
+/// must outlive `serve`.
 class TcpSocket final : public Actor {
  public:
-  /// @param port 0 = any free one. @throws LineError.
-  TcpSocket(ControllerSimulator& simulator, std::uint16_t port,
-            const std::string& address = "127.0.0.1");
+  /// @param device a `ControllerSimulator` or a `Bus`. @param port 0 = any free one. @throws LineError.
+  template <class Device>
+  TcpSocket(Device& device, std::uint16_t port, const std::string& address = "127.0.0.1")
+      : device_(&device),
+        plugged_([&device] { return device.plugged(); }),
+        plug_([&device](Line client) { device.plug(std::move(client)); }),
+        listener_(port, address) {}
   std::uint16_t port() const { return listener_.port(); }
   int descriptor() const override { return listener_.descriptor(); }
   std::optional<Time> next_due() const override { return std::nullopt; }
   void act(Time now) override;
 
  private:
-  ControllerSimulator* simulator_;
+  Actor* device_;
+  std::function<bool()> plugged_;
+  std::function<void(Line)> plug_;
   TcpListener listener_;
 };
 
@@ -38,7 +50,9 @@ class TcpSocket final : public Actor {
 struct ServedController {
   std::string name;
   ControllerSimulator* simulator = nullptr;
+  std::string line;  ///< those that name the same one share it; empty = one of its own
   std::optional<std::uint16_t> tcp_port;  ///< nothing = on a pty
+  bool gateway = false;                   ///< Modbus TCP
   std::filesystem::path link;             ///< of the pty
 };
 

@@ -252,7 +252,7 @@ void Zc300::power_up(Time) {
 }
 
 void Zc300::receive(std::string_view bytes, Time now) {
-  framer_.feed(bytes, now);
+  framer_.feed(bytes, now, silence());
   while (const auto request = framer_.next()) take(*request, now);
 }
 

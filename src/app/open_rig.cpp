@@ -23,6 +23,7 @@
 #include "drivers/sim/gige_peer.h"
 #include "drivers/sim/serve.h"
 #include "drivers/telemetry.h"
+#include "protocols/serial.h"
 #include "src/core/errors.h"
 #include "src/core/interrupt.h"
 #include "src/record/image_import.h"
@@ -42,6 +43,16 @@ std::unique_ptr<sim::ControllerSimulator> simulator_for(const RigFile& file,
   return sim::simulate_controller(
       controller.model,
       {axes_on(file, controller.name), file.simulation->axes, file.simulation->seed, controller});
+}
+
+/// The names of the controllers on a controller's line: "mc1", or "mc1+mc2" where they share it.
+std::string talkers_on(const RigFile& file, const ControllerConfig& controller) {
+  const std::string line = line_id(controller.line);
+  std::string names;
+  for (const ControllerConfig& other : file.controllers)
+    if (other.name == controller.name || (!line.empty() && line_id(other.line) == line))
+      names += (names.empty() ? "" : "+") + other.name;
+  return names;
 }
 
 /// Writes every byte: "12.345678 mc1 > Position? X\r", or "12.345678 mc2 > 01 04 75 3b 00 0a".
@@ -82,7 +93,7 @@ class WireLogFile {
   bool told_ = false;
 };
 
-void ask_to_mount(Payload payload) {
+void ask_to_mount(Payload payload, const std::vector<Controller*>& controllers) {
   const std::string what =
       payload == Payload::kCirclePattern ? "the circle pattern" : "the LED target (switched on)";
   if (::isatty(STDIN_FILENO) == 0)
@@ -98,6 +109,7 @@ void ask_to_mount(Payload payload) {
   for (pollfd input{STDIN_FILENO, POLLIN, 0}; ::poll(&input, 1, 50) <= 0;) {
     throw_if_interrupted(kEndedAfterPose);
     throw_if_stopping_now();
+    for (Controller* controller : controllers) controller->keep_alive();
   }
   std::string line;
   if (!std::getline(std::cin, line))
@@ -145,32 +157,35 @@ Axes open_controllers(const RigFile& file, const OpenRigOptions& options,
   std::shared_ptr<WireLogFile> wire_log;
   if (!options.wire_log.empty()) wire_log = std::make_shared<WireLogFile>(options.wire_log);
 
+  check_controllers(file);
+  std::map<std::string, SharedLine> lines;  // the real ones, by what stands for them
   for (const ControllerConfig& config : file.controllers) {
-    check_controller(config);
     const std::vector<AxisConfig> on_it = axes_on(file, config.name);
     if (on_it.empty())
       throw ConfigError(file.file, "/controllers/" + config.name,
                         "turns no axis. Remove it or give it one.");
-    std::optional<Line> near_end;
+    WireLog log;
+    if (wire_log)
+      log = [wire_log, name = talkers_on(file, config), as_text = !speaks_modbus(config)](
+                Direction d, std::string_view bytes, Time t) {
+        wire_log->write(name, as_text, d, bytes, t);
+      };
+    const std::string id = line_id(config.line);
     if (manual != nullptr) {
       std::shared_ptr<sim::ControllerSimulator> simulator = simulator_for(file, config);
       auto [near_side, far_side] = line_pair(config.name);
-      near_end.emplace(std::move(near_side));
+      near_side.set_log(std::move(log));
+      lines.emplace(config.name, std::move(near_side));
       simulator->plug(std::move(far_side));
       for (const AxisConfig& axis : on_it) axes.models[axis.id] = &simulator->axis(axis.id);
       axes.simulators[config.name] = simulator.get();
       manual->attach(*simulator);
       rig.owned.push_back(simulator);
-    } else {
-      near_end.emplace(open_line(config));
+    } else if (!lines.contains(id)) {
+      lines.emplace(id, open_line(config, log));
     }
-    if (wire_log)
-      near_end->set_log([wire_log, name = config.name, as_text = !speaks_modbus(config)](
-                            Direction d, std::string_view bytes, Time t) {
-        wire_log->write(name, as_text, d, bytes, t);
-      });
-    std::shared_ptr<Controller> controller =
-        open_controller({config, on_it, std::move(*near_end), rig.clock});
+    std::shared_ptr<Controller> controller = open_controller(
+        {config, on_it, lines.at(manual != nullptr ? config.name : id), rig.clock});
     rig.owned.push_back(controller);
     axes.controllers.push_back(controller.get());
     for (const AxisConfig& axis : on_it) {
@@ -199,8 +214,7 @@ Axes open_controllers(const RigFile& file, const OpenRigOptions& options,
         "file, or write its set-up into the controllers with --configure.",
         file.file, fmt::join(found, "\n  ")));
 
-  // Each controller has a line of its own: on real ones, one that does not answer must not keep the
-  // others waiting.
+  // One that does not answer must not keep those on other lines waiting.
   const auto policy = manual != nullptr ? std::launch::deferred : std::launch::async;
   rig.stop_all = [controllers = axes.controllers, policy] {
     Attempts tried;
@@ -212,6 +226,9 @@ Axes open_controllers(const RigFile& file, const OpenRigOptions& options,
       for (auto& done : parts) tried([&] { done.get(); });
     }
     tried.rethrow();
+  };
+  rig.keep_alive = [controllers = axes.controllers] {
+    for (Controller* controller : controllers) controller->keep_alive();
   };
   rig.trust_references = [controllers = axes.controllers] {
     for (Controller* controller : controllers)
@@ -243,7 +260,10 @@ class CameraMaker {
       make_world();
     else
       rig_.mount =
-          options_.assume_mounted ? std::function<void(Payload)>([](Payload) {}) : ask_to_mount;
+          options_.assume_mounted ? std::function<void(Payload)>([](Payload) {})
+                                  : [controllers = axes_.controllers](Payload payload) {
+                                      ask_to_mount(payload, controllers);
+                                    };
     if (file_.camera.model == "simulated")
       keep(make_simulated());
     else
@@ -428,10 +448,10 @@ void serve_devices(const RigFile& file, const ServeOptions& options) {
                       "is missing: it says what is true of the simulated rig.");
   std::vector<sim::NamedFault> faults;
   if (!options.faults.empty()) faults = sim::load_fault_file(options.faults);
+  check_controllers(file);
   std::vector<std::unique_ptr<sim::ControllerSimulator>> simulators;
   std::vector<sim::ServedController> served;
   for (const ControllerConfig& config : file.controllers) {
-    check_controller(config);
     simulators.push_back(simulator_for(file, config));
     sim::ServedController s;
     s.name = config.name;
@@ -439,6 +459,8 @@ void serve_devices(const RigFile& file, const ServeOptions& options) {
     if (config.line.kind == LineConfig::Kind::kTcp ||
         config.line.kind == LineConfig::Kind::kModbusTcp)
       s.tcp_port = config.line.tcp_port;
+    s.gateway = config.line.kind == LineConfig::Kind::kModbusTcp;
+    s.line = line_id(config.line);
     if (!options.links.empty()) s.link = options.links / config.name;
     served.push_back(s);
   }

@@ -16,6 +16,7 @@
 #include <set>
 #include <thread>
 
+#include "protocols/serial.h"
 #include "src/core/clock.h"
 #include "src/core/errors.h"
 #include "src/core/interrupt.h"
@@ -51,18 +52,6 @@ std::string line_id(const std::string& line) {
   std::error_code error;
   const auto real = std::filesystem::canonical(line, error);
   return error ? line : real.string();
-}
-
-/// The same for a line of a rig file; empty for a simulated one.
-std::string line_id(const LineConfig& line) {
-  switch (line.kind) {
-    case LineConfig::Kind::kSimulated:
-      return {};
-    case LineConfig::Kind::kSerial:
-      return line_id(line.serial_port);
-    default:
-      return fmt::format("{}:{}", line.host, line.tcp_port);
-  }
 }
 
 std::set<std::string> line_ids(const RigFile& rig) {

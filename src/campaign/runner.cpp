@@ -226,7 +226,7 @@ class Acquisition {
       job.taken.axis(kAllAxes[i]) = held_[i]->readback;
     if (pose.dwell_s > 0.0) {
       report("settling");
-      rig_.clock->sleep_for(from_seconds(pose.dwell_s));
+      dwell(pose.dwell_s);
       summary_.settle_s += pose.dwell_s;
       throw_if_stopping_now();
     }
@@ -248,6 +248,18 @@ class Acquisition {
     pace_.taken(elapsed, images_s);
     posing_rig_s_ += elapsed;
     posing_wall_s_ += wall_s() - began_wall;
+  }
+
+  void keep_alive() const {
+    if (rig_.keep_alive) rig_.keep_alive();
+  }
+
+  void dwell(double dwell_s) const {
+    const Time end = rig_.clock->now() + from_seconds(dwell_s);
+    while (rig_.clock->now() < end) {
+      rig_.clock->sleep_until(std::min(end, rig_.clock->now() + std::chrono::seconds{1}));
+      keep_alive();
+    }
   }
 
   /// Takes an image, and takes it again as often as is allowed while it is bad.
@@ -302,6 +314,7 @@ class Acquisition {
       std::this_thread::sleep_for(std::chrono::milliseconds(20));
       rig_.clock->sleep_for(from_seconds(std::min(rig_file_.telemetry.every_s, kHoldPoll_s)));
       throw_if_stopping_now();
+      keep_alive();
       const TelemetryReading reading = telemetry_.read();
       worker.note([&](RunJournal& journal) { journal.telemetry(reading, rig_file_.telemetry); });
       const std::string still = telemetry_.not_yet_back();
@@ -327,6 +340,7 @@ class Acquisition {
     while (pause_requested() && interrupt_level() == 0) {
       report("paused");
       std::this_thread::sleep_for(std::chrono::milliseconds(20));
+      keep_alive();
     }
     const bool ends = pause_requested();
     worker.note([&](RunJournal& journal) {

@@ -24,6 +24,11 @@ class TimeoutError : public Error {
  public:
   using Error::Error;
 };
+/// The device, or a gateway before it, says that it is busy: the same may be asked again a little later.
+class BusyError : public TimeoutError {
+ public:
+  using TimeoutError::TimeoutError;
+};
 /// An exchange ended early because a stop waited for the line: nothing is wrong with the device.
 class GaveWay : public TimeoutError {
  public:

@@ -33,6 +33,9 @@ struct Rig {
   /// Stops every axis: first all commands, then all verifications. Any thread, any state. Empty =
   /// axis by axis.
   std::function<void()> stop_all;
+  /// For whoever waits while the axes stand: keeps lines open that are closed when nobody uses them.
+  /// Empty = nothing to keep.
+  std::function<void()> keep_alive;
   /// A person vouches that every axis was homed since its controller was switched on.
   /// Throws if a controller knows better.
   std::function<void()> trust_references;

@@ -48,9 +48,9 @@ class LeadshineRealTime : public ::testing::Test {
     serve_in_background({simulator.get()});
     open(config, open_serial(path, 38400));
   }
-  void open(const ControllerConfig& config, Line line) {
-    line.set_log(wire.log());
-    controller = open_controller({config, bus_axes(), std::move(line), &clock});
+  void open(const ControllerConfig& config, const SharedLine& line) {
+    line.line().set_log(wire.log());
+    controller = open_controller({config, bus_axes(), line, &clock});
   }
   Axis<Degrees>& yaw() { return *controller->rotary_axis(AxisId::kYaw); }
 

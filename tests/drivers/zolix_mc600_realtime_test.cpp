@@ -49,13 +49,13 @@ class RealTime : public ::testing::Test {
     server.join();
     set_interrupt_level(0);
   }
-  void open(Line line) {
+  void open(const SharedLine& line) {
     ControllerConfig config;
     config.name = "mc600";
     config.model = "zolix-mc600";
     config.reply_timeout_s = 0.5;
-    line.set_log(wire.log());
-    controller = open_controller({config, four_axes(), std::move(line), &clock});
+    line.line().set_log(wire.log());
+    controller = open_controller({config, four_axes(), line, &clock});
   }
   Axis<Degrees>& yaw() { return *controller->rotary_axis(AxisId::kYaw); }
 
@@ -108,9 +108,9 @@ TEST_F(RealTime, ServesOneTcpClientAtATime) {
   const ControllerConfig where = serve_over_tcp();
   open(open_line(where));
   controller->connect();
-  Line second = open_line(where);
+  const SharedLine second = open_line(where);
   std::array<char, 8> buffer;
-  EXPECT_THROW(second.read(buffer, clock, clock.now() + milliseconds{2000}), LineError);
+  EXPECT_THROW(second.line().read(buffer, clock, clock.now() + milliseconds{2000}), LineError);
   EXPECT_EQ(yaw().position().value, 0.0);  // the first is not disturbed
   end_serving();
 }
@@ -169,7 +169,7 @@ TEST_F(RealTime, ServesByNameUntilAnInterrupt) {
   const std::filesystem::path link = folder.path() / "mc600";
   std::ostringstream out;
   server = std::thread([&] {
-    sim::serve_controllers(clock, {{"mc600", simulator.get(), std::nullopt, link}}, out);
+    sim::serve_controllers(clock, {{"mc600", simulator.get(), "", std::nullopt, false, link}}, out);
   });
   while (!std::filesystem::exists(link)) std::this_thread::sleep_for(milliseconds{1});
   open(open_serial(link.string(), 19200));

@@ -30,7 +30,7 @@ class Zc300RealTime : public ::testing::TestWithParam<LineConfig::Kind> {
     server.join();
     set_interrupt_level(0);
   }
-  Line served() {
+  SharedLine served() {
     std::vector<Actor*> actors{simulator.get()};
     if (GetParam() == LineConfig::Kind::kSerial) {
       const std::string path = sim::plug_into_pty(*simulator);

@@ -36,7 +36,7 @@ class Registers final : public Actor {
     const std::size_t n = line_.read_available(buffer, now);
     if (n == 0) return;
     heard.push_back(hex_of({buffer.data(), n}));
-    framer_.feed({buffer.data(), n}, now);
+    framer_.feed({buffer.data(), n}, now, Time::max());
     while (const auto request = framer_.next()) line_.write_available(answer(*request), now);
   }
   void put(int number, double value) {
@@ -267,6 +267,7 @@ TEST_F(Zc300Bytes, NamesEveryRefusal) {
                                HasSubstr(name)));
     EXPECT_EQ(std::ranges::count(peer.heard, kMoveUp), 1);
     EXPECT_FALSE(yaw().homed());
+    peer.refusals.clear();
     yaw().stop();
   }
 }

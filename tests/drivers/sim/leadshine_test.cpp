@@ -79,6 +79,7 @@ class Leadshine : public ::testing::Test {
 
   /// Sends a frame as it is, and returns all that comes back at once.
   std::string raw(std::string_view hex) {
+    clock.sleep_for(milliseconds{2});  // the silence between frames
     line.write(bytes_of(hex), clock, clock.now());
     clock.sleep_until(clock.now());
     return heard();

@@ -57,6 +57,7 @@ class Zc300 : public ::testing::Test {
 
   /// Sends bytes as they are, and returns all that comes back at once.
   std::string raw(const std::string& hex) {
+    clock.sleep_for(milliseconds{2});  // the silence between frames
     line.write(bytes_of(hex), clock, clock.now());
     clock.sleep_until(clock.now());
     return heard();
