@@ -20,7 +20,7 @@ using std::chrono::milliseconds;
 
 constexpr Time kQuiet = milliseconds{50};
 constexpr Time kResync = milliseconds{300};
-constexpr Time kIdentify = milliseconds{200};
+constexpr Time kIdentify = milliseconds{500};
 constexpr Time kRefusal = milliseconds{30};  // within which a motion is refused, if it is
 constexpr int kDoubt = 2;        // reply timeouts for which a late answer is still expected
 constexpr int kSameTwice = 4;    // reads in which two in a row have to agree
@@ -47,6 +47,9 @@ bool is_error(std::string_view reply) {
 
 bool is_ok(std::string_view reply) { return upper(reply) == "OK"; }
 
+/// "SC300", "SC300-1B", "SC300_V1.0", or whatever else a firmware makes of it.
+bool is_sc300(std::string_view reply) { return upper(reply).find(kType) != std::string::npos; }
+
 /// "?Y,-123": whose counter it is, and what it says, if that can be read. Noise before it is
 /// dropped.
 struct CounterLine {
@@ -57,7 +60,7 @@ struct CounterLine {
 std::optional<CounterLine> counter_line(std::string_view line) {
   const std::size_t begin = line.rfind('?');
   if (begin == line.npos || line.size() < begin + 2) return std::nullopt;
-  const std::string text = upper(line.substr(begin + 1));
+  const std::string text = tidy(line.substr(begin + 1));
   if (kChannels.find(text[0]) == kChannels.npos) return std::nullopt;
   CounterLine found{text[0], {}};
   if (text.size() > 2 && text[1] == ',')
@@ -154,6 +157,7 @@ Sc300::Sc300(ControllerSetup setup)
       states_(channels().size()) {
   require_letters(kChannels);
   require_outputs(true);
+  dialog_.drop_echo();
 }
 
 // ---- lines, and whose they are
@@ -204,7 +208,13 @@ void Sc300::take_counter(const Channel& channel, std::optional<Steps> value) {
 void Sc300::resync() {
   const Awaiting quiet(*this, Waiting::kForQuiet);
   resync_at_ = clock().now();
-  dialog_.resync(kQuiet, kResync);
+  // A CR is answered, but for a controller that hears nothing while it moves.
+  const bool deaf =
+      !config().answers_while_moving && std::ranges::any_of(states_, [](const State& s) {
+        return s.task && !s.task->answered && !s.task->reported;
+      });
+  dialog_.resync(kQuiet, deaf ? kResync : std::max(kResync, reply_timeout()), is_ok,
+                 [this] { return gives_way(); });
 }
 
 /// Whether a controller that does not answer while it moves is believed to move this axis.
@@ -413,13 +423,14 @@ void Sc300::switch_output(const OutputConfig& output, bool on) {
 
 // ---- who is there, and how it is set up
 
-/// "SC300_V1.0"; noise and answers to something else are no names.
+/// "SC300_V1.0", or any other text; noise and answers to something else are no names.
 std::string Sc300::named(const std::string& command) {
   const auto is_name = [](std::string_view line) {
-    return !is_ok(line) && std::ranges::all_of(line, [](char c) {
-      return is_digit(c) || (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || c == '_' ||
-             c == '.' || c == '-';
-    });
+    return !is_ok(line) && !counter_line(line) && line.size() > 1 &&
+           std::ranges::all_of(line, [](char c) { return c >= ' ' && c <= '~'; }) &&
+           std::ranges::any_of(line, [](char c) {
+             return upper({&c, 1})[0] >= 'A';
+           });
   };
   const std::string reply = retried(Time::max(), [&] { return ask(command, is_name); });
   if (is_error(reply)) refused(who(), command, reply);
@@ -437,7 +448,9 @@ std::vector<Sc300::Setting> Sc300::settings(const Channel& channel) {
 /// "XV" -> "..,20000": what the two characters are is not known.
 std::int64_t Sc300::setting(const Channel& channel, char name) {
   const auto value = [](std::string_view line) {
-    return line.size() > 3 && line[2] == ',' ? whole(line.substr(3)) : std::nullopt;
+    const std::string text = tidy(line);
+    return text.size() > 3 && text[2] == ',' ? whole(std::string_view(text).substr(3))
+                                             : std::nullopt;
   };
   const std::string text = fmt::format("{}{}", letter(channel), name);
   const std::string reply = retried(Time::max(), [&] {
@@ -452,12 +465,12 @@ std::string Sc300::observe(std::vector<std::string>& differences) {
   retried(Time::max(), [&] { return ask("", is_ok); });
   const std::string version = named("VE");
   std::string type = named("TY");
-  if (type != kType) type = named("TY");  // a line that came late
-  if (type != kType)
+  if (!is_sc300(type)) type = named("TY");  // a line that came late
+  if (!is_sc300(type) && !is_sc300(version))
     throw DeviceError(fmt::format(
-        "{}: says that it is a \"{}\" (version \"{}\"), expected {}. Correct the model in the rig "
+        "{}: says that it is a {} (version {}), expected {}. Correct the model in the rig "
         "file, or the line.",
-        who(), type, version, kType));
+        who(), in_quotes(type), in_quotes(version), kType));
   const std::string id = named("ID");
   for (const Channel& channel : channels()) {
     for (const auto& [name, wanted] : settings(channel)) {
@@ -486,11 +499,10 @@ std::unique_ptr<Controller> open_zolix_sc300(ControllerSetup setup) {
 
 std::string identify_zolix_sc300(SharedLine line, Clock& clock) {
   AsciiDialog dialog(std::move(line), clock, {});
-  dialog.resync(kQuiet, kResync);  // what others may have said to it before
+  dialog.drop_echo();
+  dialog.resync(kQuiet, kResync, is_ok);  // what others may have said to it before
   try {
-    return "Zolix " + dialog.ask("VE", kIdentify, [](std::string_view reply) {
-      return upper(reply).starts_with(kType);
-    });
+    return "Zolix " + dialog.ask("VE", kIdentify, is_sc300);
   } catch (const TimeoutError&) {
   } catch (const ProtocolError&) {
   }

@@ -13,24 +13,37 @@ namespace {
 
 constexpr Time kSlice = std::chrono::milliseconds{20};
 constexpr std::size_t kMostPumped = 64 * 1024;  // a line that is flooded is never empty
+constexpr std::size_t kEchoes = 8;              ///< that may still be on their way
 
-/// For messages: noise must not spoil a terminal or a journal.
-std::string printable(std::string_view text) {
-  std::string shown;
+bool blank(char c) { return c == ' ' || c == '\t'; }
+
+}  // namespace
+
+std::string in_quotes(std::string_view text) {
+  std::string shown = "\"";
   for (const char c : text.substr(0, 60)) {
     if (c >= ' ' && c <= '~')
       shown += c;
     else
       shown += fmt::format("\\x{:02x}", static_cast<unsigned char>(c));
   }
-  return shown;
+  return shown + "\"";
 }
-
-}  // namespace
 
 std::string upper(std::string_view text) {
   std::string s(text);
   for (char& c : s) c = c >= 'a' && c <= 'z' ? static_cast<char>(c - 'a' + 'A') : c;
+  return s;
+}
+
+std::string tidy(std::string_view text) {
+  std::string s;
+  for (const char c : upper(text)) {
+    if (blank(c) && s.ends_with(',')) continue;
+    if (c == ',')
+      while (!s.empty() && blank(s.back())) s.pop_back();
+    s += c;
+  }
   return s;
 }
 
@@ -69,12 +82,22 @@ std::optional<std::string> AsciiDialog::next_line() {
     std::string text = pending_.substr(0, end);
     pending_.erase(0, end + 1);
     std::erase(text, '\n');  // some serial servers add one
+    while (!text.empty() && blank(text.back())) text.pop_back();
+    text.erase(0, text.find_first_not_of(" \t"));
     if (overlong_ || text.size() > kLongestLine || text.empty()) {
       overlong_ = false;
       continue;
     }
+    if (is_echo(text)) continue;
     if (!unsolicited_ || !unsolicited_(text)) return text;
   }
+}
+
+bool AsciiDialog::is_echo(std::string_view text) {
+  const auto found = std::ranges::find(sent_, text);
+  if (found == sent_.end()) return false;
+  sent_.erase(sent_.begin(), found + 1);
+  return true;
 }
 
 void AsciiDialog::pump() {
@@ -93,6 +116,12 @@ std::string AsciiDialog::line_end() const { return cut_off_ ? "!\r" : "\r"; }
 
 void AsciiDialog::send(std::string_view bytes, Time deadline) {
   cut_off_ = true;
+  for (std::string_view rest = bytes; drops_echo_ && !rest.empty();) {
+    const std::size_t end = std::min(rest.find('\r'), rest.size() - 1);
+    if (end > 0) sent_.emplace_back(rest.substr(0, end));
+    rest.remove_prefix(end + 1);
+    if (sent_.size() > kEchoes) sent_.pop_front();
+  }
   line().write(bytes, *clock_, deadline);
   cut_off_ = false;
 }
@@ -106,14 +135,25 @@ void AsciiDialog::tell(std::string_view command, Time timeout) {
   in_step_ = was_in_step;
 }
 
-void AsciiDialog::resync(Time quiet, Time at_most) {
+void AsciiDialog::resync(Time quiet, Time at_most, const Predicate& answer,
+                         const std::function<bool()>& give_way) {
   notice_reopening();
   in_step_ = false;
   const Time end = clock_->now() + at_most;
-  send(line_end(), end);
-  while (clock_->wait_readable(line().descriptor(), std::min(end, clock_->now() + quiet)) &&
-         clock_->now() < end)
-    pump();
+  send(answer && cut_off_ ? line_end() + "\r" : line_end(), end);
+  bool answered = !answer;
+  for (Time quiet_since = clock_->now(); clock_->now() < end;) {
+    const Time silent = answered ? std::min(end, quiet_since + quiet) : end;
+    const Time slice = give_way ? std::min(silent, clock_->now() + kSlice) : silent;
+    if (clock_->wait_readable(line().descriptor(), slice)) {
+      read_pending();
+      while (const auto text = next_line()) answered = answered || answer(*text);
+      quiet_since = clock_->now();
+    } else if (clock_->now() >= silent) {
+      break;
+    }
+    if (give_way && give_way()) return;
+  }
   pump();
   pending_.clear();  // the rest of a broken line
   overlong_ = false;
@@ -149,9 +189,9 @@ std::string AsciiDialog::ask(std::string_view command, Time timeout, const Predi
   }
   if (!skipped.empty() || !pending_.empty())
     throw ProtocolError(
-        fmt::format("{}: \"{}\" was answered by \"{}\", which is no answer to it. Check baud "
+        fmt::format("{}: \"{}\" was answered by {}, which is no answer to it. Check baud "
                     "rate and cable.",
-                    line_.name(), command, printable(skipped.empty() ? pending_ : skipped)));
+                    line_.name(), command, in_quotes(skipped.empty() ? pending_ : skipped)));
   throw TimeoutError(
       fmt::format("{}: no answer to \"{}\" within {:g} s. Check power, cable and baud rate.",
                   line_.name(), command, seconds(timeout)));

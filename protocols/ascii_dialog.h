@@ -2,6 +2,7 @@
 // a time, unsolicited lines told apart from answers, a way back into step after anything odd.
 #pragma once
 
+#include <deque>
 #include <functional>
 #include <optional>
 #include <string>
@@ -13,17 +14,25 @@ namespace turntable {
 
 /// The same text with its ASCII letters in upper case.
 std::string upper(std::string_view text);
+/// In upper case, without blanks beside its commas: "?x, 12" -> "?X,12".
+std::string tidy(std::string_view text);
+/// In quotes, as it stands in a message: noise must not spoil a terminal or a journal.
+std::string in_quotes(std::string_view text);
 
 class AsciiDialog {
  public:
   using Predicate = std::function<bool(std::string_view line)>;
 
-  /// Longer lines are noise and are dropped.
+  /// Longer lines are noise and are dropped; blanks at the ends of lines are.
   static constexpr std::size_t kLongestLine = 256;
 
   /// @param unsolicited is shown every line first; true = it was one the device sends by itself,
   /// and has been dealt with. Called from within the functions below.
   AsciiDialog(SharedLine line, Clock& clock, Predicate unsolicited);
+
+  /// From now on a line that repeats what was sent is the echo of an adapter or of the device, and
+  /// no answer. Only where no answer ever looks like its command.
+  void drop_echo() { drops_echo_ = true; }
 
   /// Sends `command` and CR once; returns the first line that `accept` takes for its answer. Stale
   /// input is dealt with before sending, lines that nobody takes are skipped.
@@ -37,9 +46,13 @@ class AsciiDialog {
   void tell(std::string_view command, Time timeout);
   /// Deals with what has arrived by itself, 64 KiB at most, without waiting. @throws LineError.
   void pump();
-  /// Ends a half-sent command so that it is not carried out, then discards answers until the line has been quiet for
-  /// `quiet`, at most `at_most`. Unsolicited lines are still dealt with. @throws LineError.
-  void resync(Time quiet, Time at_most);
+  /// Ends a half-sent command so that it is not carried out, then discards answers until the line
+  /// has been quiet for `quiet`, at most `at_most`. Unsolicited lines are still dealt with.
+  /// @param answer where a lone CR is answered: quiet does not count before that answer has come.
+  /// @param give_way as in `ask`; the line is still out of step then.
+  /// @throws LineError.
+  void resync(Time quiet, Time at_most, const Predicate& answer = {},
+              const std::function<bool()>& give_way = {});
   /// False after an exchange that failed: a late answer may still come. `ask` then ends a half-sent
   /// command with CR first, but does not wait; call `resync` where there is time for it.
   bool in_step() const { return in_step_; }
@@ -52,6 +65,7 @@ class AsciiDialog {
   void send(std::string_view bytes, Time deadline);
   std::size_t read_pending();
   std::optional<std::string> next_line();
+  bool is_echo(std::string_view text);
 
   /// Nothing that was begun on an earlier connection goes on after the line was opened again.
   void notice_reopening();
@@ -62,6 +76,8 @@ class AsciiDialog {
   Predicate unsolicited_;
   std::string pending_;    ///< bytes not yet made into lines
   bool overlong_ = false;  ///< inside a line that is too long: dropping until CR
+  bool drops_echo_ = false;
+  std::deque<std::string> sent_;  ///< the last commands that no echo has come of
   bool in_step_ = true;
   bool cut_off_ =
       true;  ///< a command may have been sent in part: by us, or by whoever was here before

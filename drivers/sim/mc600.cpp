@@ -136,6 +136,10 @@ struct Channel {
   bool limits_on = false;
   long long positive_limit = 0, negative_limit = 0;  // pulses
   int home_mode = 2;
+  char work_state = 'O';
+  double offset = 0, user_origin = 0;  // pulses
+  bool way_back_due = false;           ///< of a homing, by `offset`
+  bool on_way_back = false;
   bool completion_due = false;
 };
 
@@ -196,6 +200,12 @@ std::optional<Time> Mc600::next_own() const {
 void Mc600::happen(Time now) {
   for (const auto& c : channels_) {
     if (!c->completion_due || c->axis.moving(now)) continue;
+    if (std::exchange(c->on_way_back, false)) c->axis.set_counter(now, 0);
+    if (std::exchange(c->way_back_due, false) && c->axis.homed(now)) {
+      c->on_way_back = true;
+      c->axis.move_to(now, c->offset * c->axis.per_step(), c->ramp(c->home_speed));
+      if (c->axis.moving(now)) continue;
+    }
     c->completion_due = false;
     if (loses_completion(c->axis.config().id)) continue;
     send(fmt::format("{} {},OK\r", c->letter, shown(c->pulses(now) * c->scale())));
@@ -203,7 +213,7 @@ void Mc600::happen(Time now) {
 }
 
 void Mc600::power_up(Time) {
-  for (const auto& c : channels_) c->completion_due = false;
+  for (const auto& c : channels_) c->completion_due = c->way_back_due = c->on_way_back = false;
 }
 
 void Mc600::receive(std::string_view bytes, Time now) {
@@ -314,7 +324,9 @@ std::string Mc600::answer(std::string_view verb, const Arguments& a, Time now) {
   }
   if (verb == "stop") {
     expect(1);
-    channel(a[0]).axis.stop(now);
+    Channel& c = channel(a[0]);
+    c.way_back_due = c.on_way_back = false;
+    c.axis.stop(now);
     return "OK";
   }
   if (verb == "loaddefault") {
@@ -333,6 +345,7 @@ std::string Mc600::answer(std::string_view verb, const Arguments& a, Time now) {
       c->home_speed = 4000;
       c->limits_on = false;
       c->home_mode = 2;
+      c->offset = 0;
     }
     return "OK";
   }
@@ -343,11 +356,12 @@ std::string Mc600::answer(std::string_view verb, const Arguments& a, Time now) {
 }
 
 bool Mc600::is_channel_setting(std::string_view verb) const {
-  constexpr std::array<std::string_view, 15> kSettings{
-      "setunit",          "setspeed",         "setinitspeed",        "setaccspeed",
-      "sethomespeed",     "setstagestyle",    "setstagepitch",       "setstagestepsrev",
-      "setstagedriverat", "setstagedistance", "setuserorigin",       "setorigin",
-      "setsechhomemode",  "setuserlimitable", "setuserpositivelimit"};
+  constexpr std::array<std::string_view, 18> kSettings{
+      "setunit",          "setspeed",         "setinitspeed",         "setaccspeed",
+      "sethomespeed",     "setstagestyle",    "setstagepitch",        "setstagestepsrev",
+      "setstagedriverat", "setstagedistance", "setuserorigin",        "setorigin",
+      "setsechhomemode",  "setuserlimitable", "setuserpositivelimit", "setoffset",
+      "setdriverat",      "setstageworkstate"};
   return std::ranges::find(kSettings, verb) != kSettings.end() || verb == "setusernegativelimit";
 }
 
@@ -373,18 +387,23 @@ void Mc600::set(std::string_view verb, Channel& c, std::string_view value, Time 
     c.pitch = positive(value);
   } else if (verb == "setstagestepsrev") {
     c.steps_per_rev = positive(value);
-  } else if (verb == "setstagedriverat") {
+  } else if (verb == "setstagedriverat" || verb == "setdriverat") {
     c.drive_ratio = positive(value);
   } else if (verb == "setstagedistance") {
     c.distance = positive(value);
   } else if (verb == "setuserorigin") {
-    c.axis.set_counter(now, std::round(pulses_of(number(value))) * c.axis.per_step());
+    c.user_origin = std::round(pulses_of(number(value)));
+    c.axis.set_counter(now, c.user_origin * c.axis.per_step());
   } else if (verb == "setorigin") {
     one_of(value, "P");
   } else if (verb == "setsechhomemode") {
     if (value.size() != 1 || value[0] < '0' || value[0] > '9') throw Refused{kUnknown};
     if (value[0] != '2') throw Refused{kNotNow};  // the stages here have photo-switches
     c.home_mode = value[0] - '0';
+  } else if (verb == "setoffset") {
+    c.offset = std::round(pulses_of(number(value)));
+  } else if (verb == "setstageworkstate") {
+    c.work_state = one_of(value, "OC");
   } else if (verb == "setuserlimitable") {
     c.limits_on = one_of(value, "ED") == 'E';
   } else if (verb == "setuserpositivelimit") {
@@ -395,9 +414,7 @@ void Mc600::set(std::string_view verb, Channel& c, std::string_view value, Time 
 }
 
 std::string Mc600::answer_query(std::string_view verb, const Arguments& a, Time now) {
-  if (verb != "position" &&
-      (!is_channel_setting(verb) || verb == "setuserorigin" || verb == "setorigin"))
-    throw Refused{kUnknown};
+  if (verb != "position" && !is_channel_setting(verb)) throw Refused{kUnknown};
   if (a.size() != 1) throw Refused{kUnknown};
   const Channel& c = channel(a[0]);
   const double scale = c.scale();
@@ -420,7 +437,15 @@ std::string Mc600::answer_query(std::string_view verb, const Arguments& a, Time 
     value = shown(c.pitch);
   else if (verb == "setstagestepsrev")
     value = shown(c.steps_per_rev);
-  else if (verb == "setstagedriverat")
+  else if (verb == "setoffset")
+    value = shown(c.offset * scale);
+  else if (verb == "setuserorigin")
+    value = shown(c.user_origin * scale);
+  else if (verb == "setorigin")
+    value = 'P';
+  else if (verb == "setstageworkstate")
+    value = c.work_state;
+  else if (verb == "setstagedriverat" || verb == "setdriverat")
     value = shown(c.drive_ratio);
   else if (verb == "setstagedistance")
     value = shown(c.distance);
@@ -450,6 +475,7 @@ void Mc600::go_position(const Arguments& a, Time now) {
 
 void Mc600::go_home(Channel& c, Time now) {
   c.axis.home(now, c.ramp(c.home_speed));
+  c.way_back_due = c.offset != 0;
   c.completion_due = true;
 }
 

@@ -17,6 +17,7 @@ namespace turntable {
 namespace {
 
 using std::chrono::milliseconds;
+using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
@@ -70,6 +71,7 @@ class DriverBytes : public ::testing::Test {
                     {"SetUserPositiveLimit? X", "SETUSERPOSITIVELIMIT? X,30,OK\r"},
                     {"SetUserNegativeLimit? X", "SETUSERNEGATIVELIMIT? X,-30.0,OK\r"},
                     {"SetUserLimitAble? X", "SETUSERLIMITABLE? X,E,OK\r"},
+                    {"SetOffset? X", "SETOFFSET? X,0.0,OK\r"},
                     // A controller in another mood: mixed case.
                     {"SetStageStyle? T", "SetStageStyle? T,t,ok\r"},
                     {"SetUnit? T", "setunit? t,M,OK\r"},
@@ -81,7 +83,8 @@ class DriverBytes : public ::testing::Test {
                     {"SetHomeSpeed? T", "SETHOMESPEED? T,5.0,OK\r"},
                     {"SetUserPositiveLimit? T", "SETUSERPOSITIVELIMIT? T,201,OK\r"},
                     {"SetUserNegativeLimit? T", "SETUSERNEGATIVELIMIT? T,-1,OK\r"},
-                    {"SetUserLimitAble? T", "SETUSERLIMITABLE? T,E,OK\r"}};
+                    {"SetUserLimitAble? T", "SETUSERLIMITABLE? T,E,OK\r"},
+                    {"SetOffset? T", "SETOFFSET? T,0,OK\r"}};
   }
   ~DriverBytes() override { clock.detach(peer); }
 
@@ -102,26 +105,26 @@ TEST_F(DriverBytes, ConnectingAsksAndChangesNothing) {
               ElementsAre("Hello\r", "SetStageStyle? X\r", "SetUnit? X\r", "SetStageStepsRev? X\r",
                           "SetStageDriveRat? X\r", "SetInitSpeed? X\r", "SetSpeed? X\r",
                           "SetAccSpeed? X\r", "SetHomeSpeed? X\r", "SetUserPositiveLimit? X\r",
-                          "SetUserNegativeLimit? X\r", "SetUserLimitAble? X\r",
+                          "SetUserNegativeLimit? X\r", "SetUserLimitAble? X\r", "SetOffset? X\r",
                           "SetStageStyle? T\r", "SetUnit? T\r", "SetStageStepsRev? T\r",
                           "SetStagePitch? T\r", "SetInitSpeed? T\r", "SetSpeed? T\r",
                           "SetAccSpeed? T\r", "SetHomeSpeed? T\r", "SetUserPositiveLimit? T\r",
-                          "SetUserNegativeLimit? T\r", "SetUserLimitAble? T\r"));
+                          "SetUserNegativeLimit? T\r", "SetUserLimitAble? T\r", "SetOffset? T\r"));
 }
 
 TEST_F(DriverBytes, ConfiguringWritesTheSetUpAndReadsItBack) {
   controller->configure();
-  peer.heard.resize(22);
+  peer.heard.resize(24);
   EXPECT_THAT(
       peer.heard,
       ElementsAre("SetStageStyle X,R\r", "SetUnit X,d\r", "SetStageStepsRev X,1600\r",
                   "SetStageDriveRat X,180\r", "SetInitSpeed X,1\r", "SetSpeed X,25\r",
                   "SetAccSpeed X,50\r", "SetHomeSpeed X,5\r", "SetUserPositiveLimit X,30\r",
-                  "SetUserNegativeLimit X,-30\r", "SetUserLimitAble X,E\r", "SetStageStyle T,T\r",
-                  "SetUnit T,m\r", "SetStageStepsRev T,1600\r", "SetStagePitch T,4\r",
-                  "SetInitSpeed T,1\r", "SetSpeed T,20\r", "SetAccSpeed T,50\r",
-                  "SetHomeSpeed T,5\r", "SetUserPositiveLimit T,201\r",
-                  "SetUserNegativeLimit T,-1\r", "SetUserLimitAble T,E\r"));
+                  "SetUserNegativeLimit X,-30\r", "SetUserLimitAble X,E\r", "SetOffset X,0\r",
+                  "SetStageStyle T,T\r", "SetUnit T,m\r", "SetStageStepsRev T,1600\r",
+                  "SetStagePitch T,4\r", "SetInitSpeed T,1\r", "SetSpeed T,20\r",
+                  "SetAccSpeed T,50\r", "SetHomeSpeed T,5\r", "SetUserPositiveLimit T,201\r",
+                  "SetUserNegativeLimit T,-1\r", "SetUserLimitAble T,E\r", "SetOffset T,0\r"));
 }
 
 TEST_F(DriverBytes, HomesMovesAndStopsInTheManualsWords) {
@@ -177,6 +180,80 @@ TEST_F(DriverBytes, NamesWhatDiffersAndMovesNothing) {
   EXPECT_THAT(message, HasSubstr("SetUnit? T: wanted m, found S"));
   EXPECT_THAT(peer.heard, ElementsAre());
   controller->stop_all();  // but stopping is always allowed
+}
+
+TEST_F(DriverBytes, AnotherProgramsWayBackAfterHomingIsADifference) {
+  peer.replies["SetOffset? X"] = "SETOFFSET? X,1.5,OK\r";
+  EXPECT_THAT(controller->connect(), ElementsAre("yaw: SetOffset? X: wanted 0, found 1.5"));
+}
+
+TEST_F(DriverBytes, AControllerWithoutAWayBackIsNoneTheWorse) {
+  for (const char* odd : {"E01\r", "", "OK\r"}) {
+    peer.replies["SetOffset? X"] = odd;
+    EXPECT_THAT(controller->connect(), ElementsAre()) << odd;
+    EXPECT_THAT(controller->identity(), HasSubstr("does not answer SetOffset? X"));
+  }
+  peer.replies["SetOffset X,0"] = "E01\r";
+  controller->configure();
+}
+
+TEST_F(DriverBytes, AnyEWithTwoDigitsIsARefusalThatIsShown) {
+  for (const char* code : {"E03", "E17", "ERR"}) {
+    peer.replies["Hello"] = "OK\r";
+    controller->connect();
+    home("X");
+    Axis<Degrees>& yaw = *controller->rotary_axis(AxisId::kYaw);
+    yaw.home();
+    peer.replies["GoPosition X,O,A,P,9.5"] = code + std::string("\r");
+    EXPECT_THAT(message_of<DeviceError>([&] { yaw.start(Degrees{10}); }),
+                HasSubstr(std::string("\"GoPosition X,O,A,P,9.5\" was refused with ") + code));
+    peer.replies["Hello"] = code + std::string("\r");
+    EXPECT_THAT(message_of<DeviceError>([&] { controller->connect(); }),
+                HasSubstr(std::string("\"Hello\" was refused with ") + code));
+  }
+}
+
+TEST_F(DriverBytes, AnAnswerThatNobodyHasHeardOfIsTold) {
+  controller->connect();
+  home("X");
+  Axis<Degrees>& yaw = *controller->rotary_axis(AxisId::kYaw);
+  yaw.home();
+  peer.replies["GoPosition X,O,A,P,9.5"] = "BUSY\r";
+  yaw.start(Degrees{10});
+  EXPECT_THAT(message_of<DeviceError>([&] {
+                while (!yaw.advance()) {
+                }
+              }),
+              AllOf(HasSubstr("axis yaw"), HasSubstr("\"GoPosition X,O,A,P,9.5\""),
+                    HasSubstr("answered by \"BUSY\""), HasSubstr("has not moved since")));
+  EXPECT_EQ(std::ranges::count(peer.heard, "GoPosition X,O,A,P,9.5\r"), 1);
+  EXPECT_FALSE(yaw.homed());
+}
+
+TEST_F(DriverBytes, APositionWithTooFewDigitsIsToldAsWhatItIs) {
+  controller->connect();
+  home("X");
+  Axis<Degrees>& yaw = *controller->rotary_axis(AxisId::kYaw);
+  yaw.home();
+  peer.replies["GoPosition X,O,A,P,11.845"] = "READY\rX 11.8,OK\r";
+  yaw.start(Degrees{12.345});
+  peer.replies["Position? X"] = "POSITION? X,11.8,OK\r";
+  EXPECT_THAT(
+      message_of<DeviceError>([&] {
+        while (!yaw.advance()) {
+        }
+      }),
+      AllOf(HasSubstr("\"11.8\""), HasSubstr("1 digits after the point"), HasSubstr("too few")));
+}
+
+TEST_F(DriverBytes, HearsBlanksEchoesAndLineFeeds) {
+  for (auto& [command, reply] : peer.replies) {
+    std::string spread;
+    for (const char c : reply) spread += c == ',' ? " , " : c == '\r' ? " \r\n" : std::string(1, c);
+    reply = command + "\r\n" + spread;
+  }
+  peer.replies["Hello"] = "Hello\r\n ok \r\n";
+  EXPECT_THAT(controller->connect(), ElementsAre());
 }
 
 TEST_F(DriverBytes, FindsOutThatASettingWasNotKept) {

@@ -184,6 +184,42 @@ TEST_F(AsciiDialogTest, TellsWhatIsNotAnsweredAndStaysInStep) {
   EXPECT_TRUE(peer.got.ends_with("b\r\rgo\r")) << peer.got;
 }
 
+TEST_F(AsciiDialogTest, AnEchoIsNoAnswerWhereThatIsSaid) {
+  peer.on("=a", {{{}, "=a\r\n"}, {milliseconds{400}, "=1\r\n"}});
+  EXPECT_EQ(ask("=a"), "=a");
+  dialog.drop_echo();
+  dialog.resync(milliseconds{500}, milliseconds{1000});
+  EXPECT_EQ(ask("=a"), "=1");
+  peer.on("b", {{{}, "=a\r"}});  // once, and no more
+  EXPECT_EQ(dialog.ask("b", milliseconds{100}, [](std::string_view) { return true; }), "=a");
+}
+
+TEST_F(AsciiDialogTest, BlanksAroundALineAreNotPartOfIt) {
+  peer.on("a", {{{}, " \t=1 \r"}});
+  EXPECT_EQ(ask("a"), "=1");
+  EXPECT_EQ(tidy("?x , 12"), "?X,12");
+  EXPECT_EQ(tidy("POSITION? X,\t1.5 ,ok"), "POSITION? X,1.5,OK");
+  EXPECT_EQ(in_quotes("E\x01"), "\"E\\x01\"");
+}
+
+TEST_F(AsciiDialogTest, ResyncWaitsForTheAnswerToItsCrWhereThereIsOne) {
+  EXPECT_THROW(ask("a"), TimeoutError);
+  peer.on("", {{milliseconds{350}, "OK\r"}});
+  peer.say("=late\r");
+  const Time before = clock.now();
+  dialog.resync(milliseconds{50}, milliseconds{1000},
+                [](std::string_view line) { return line == "OK"; });
+  EXPECT_EQ(clock.now() - before, milliseconds{400});
+  EXPECT_TRUE(dialog.in_step());
+  peer.on("b", {{{}, "=b\r"}});
+  EXPECT_EQ(ask("b"), "=b");
+  EXPECT_THROW(ask("c"), TimeoutError);
+  dialog.resync(
+      milliseconds{50}, milliseconds{1000}, [](std::string_view) { return false; },
+      [] { return true; });
+  EXPECT_FALSE(dialog.in_step());  // it gave way
+}
+
 TEST_F(AsciiDialogTest, ResyncEndsEvenIfTheLineNeverGetsQuiet) {
   std::vector<Scripted::Piece> babble;
   for (int i = 0; i < 100; ++i) babble.push_back({milliseconds{10 * i}, "babble"});
