@@ -5,9 +5,11 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <charconv>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <span>
 
 #include "drivers/axis_controller.h"
@@ -47,7 +49,8 @@ constexpr double kLeastPulses = 200, kMostPulses = 51200;  // per revolution
 constexpr double kMostOfWord = 32767;
 constexpr double kRounding = 0.02;           // of a speed or an acceleration
 constexpr std::uint16_t kLimitRamp_ms = 50;  // there is little room behind a limit switch
-constexpr int kBadCrc = 0x08;                // exception: the request arrived spoilt
+constexpr Time kOnToStopPosition = std::chrono::milliseconds{500};
+constexpr int kBadCrc = 0x08;  // exception: the request arrived spoilt
 
 std::string_view exception_meaning(int code) {
   switch (code) {
@@ -102,6 +105,7 @@ struct Setting {
   std::uint32_t mask = ~0u;
 
   std::string shown(std::uint32_t value) const {
+    if (std::has_single_bit(mask)) return (value & mask) != 0 ? "on" : "off";
     if (mask != ~0u) return fmt::format("0x{:04X}", value & mask);
     return words == 2 ? fmt::format("{}", static_cast<std::int32_t>(value))
                       : fmt::format("{}", value);
@@ -111,11 +115,12 @@ struct Setting {
 /// One drive, as the rig file wants it.
 struct Drive {
   int slave = 0;
-  std::uint16_t rpm = 0, ramp_ms = 0;
+  std::uint16_t rpm = 0, ramp_ms = 0, stop_ms = 0;
   std::vector<Setting> settings;  ///< by rising address, as neighbours are read at once
   bool homing = false;            ///< asked to home, and not yet seen to have done it
   Time seen_at{0};                ///< when its position was last read
   bool home_begun = false;        ///< its home-done bit is no longer of an earlier time
+  std::optional<Time> home_said;  ///< since when it says that it is at rest and homed
 };
 
 /// A whole number for a register. `exact` is what `value` (`key` of the rig file, in `unit`) comes
@@ -170,6 +175,9 @@ Drive planned(const AxisController::Channel& channel, const std::string& model) 
     return whole(axis, key, value, "/s", value * rpm, "rpm", false);
   };
   drive.rpm = speed("speed", axis.speed);
+  // Of a stop it is the time that counts, from whatever speed: at most the planned deceleration.
+  drive.stop_ms = static_cast<std::uint16_t>(
+      std::clamp(std::round(1000 * axis.speed / axis.acceleration), 1.0, kMostOfWord));
   drive.ramp_ms = whole(axis, "acceleration", axis.acceleration, "/s^2",
                         1e6 / (axis.acceleration * rpm), "ms per 1000 rpm", true);
   const std::uint32_t fast = speed("home_speed", axis.home_speed);
@@ -178,18 +186,21 @@ Drive planned(const AxisController::Channel& channel, const std::string& model) 
   drive.settings = {
       {"pulses per revolution", 0x0001, 1, static_cast<std::uint32_t>(axis.steps_per_rev)},
       {"enabled by software", 0x000F, 1, 1},
-      {"soft limits on", 0x6000, 1, 0x0002, 0x0002},
+      {"soft limits", 0x6000, 1, 0x0002, 0x0002},
+      {"homes by itself when it is switched on, so that the table moves without being asked",
+       0x6000, 1, 0, 0x0004},
       {"upper soft limit, pulses", 0x6006, 2, limit(axis.upper, "upper")},
       {"lower soft limit, pulses", 0x6008, 2, limit(axis.lower, "lower")},
-      {"homes on the origin switch and stays there", 0x600A, 1, 0x0004, 0x0006},
+      // Having found the origin the motor decelerates past it; only with bit 1 it comes back.
+      {"homes on the origin switch, and goes to the stop position then", 0x600A, 1, 0x0006, 0x0006},
       {"position at the origin, pulses", 0x600B, 2, 0},
       {"position to go to after homing, pulses", 0x600D, 2, 0},
       {"fast homing speed, rpm", 0x600F, 1, fast},
       {"slow homing speed, rpm", 0x6010, 1, slow},
       {"homing acceleration, ms", 0x6011, 1, drive.ramp_ms},
       {"homing deceleration, ms", 0x6012, 1, drive.ramp_ms},
-      {"deceleration at a limit, ms", 0x6016, 1, std::min(drive.ramp_ms, kLimitRamp_ms)},
-      {"deceleration of a stop, ms", kStopRamp, 1, drive.ramp_ms}};
+      {"deceleration at a limit, ms", 0x6016, 1, std::min(drive.stop_ms, kLimitRamp_ms)},
+      {"deceleration of a stop, ms", kStopRamp, 1, drive.stop_ms}};
   return drive;
 }
 
@@ -302,10 +313,12 @@ std::vector<std::string> LeadshinePr::compared(const Channel& channel) {
   for (auto first = settings.begin(); first != settings.end();) {
     int words = 0;
     auto last = first;
-    for (; last != settings.end() && last->address == first->address + words; ++last)
-      words += last->words;
-    const Words found = read(channel, first->address, words);
-    for (std::size_t at = 0; first != last; at += static_cast<std::size_t>(first->words), ++first) {
+    for (; last != settings.end() && last->address <= first->address + words; ++last)
+      words = last->address - first->address + last->words;  // two may share a register
+    const std::uint16_t begin = first->address;
+    const Words found = read(channel, begin, words);
+    for (; first != last; ++first) {
+      const auto at = static_cast<std::size_t>(first->address - begin);
       const std::uint32_t value = first->words == 2 ? joined(found[at], found[at + 1]) : found[at];
       if (((value ^ first->wanted) & first->mask) != 0)
         differences.push_back(
@@ -368,6 +381,7 @@ Acknowledgement LeadshinePr::start_home(const Channel& channel) {
   require_no_stop(channel);
   Drive& d = drive(channel);
   d.homing = true;
+  d.home_said.reset();
   const Acknowledgement acknowledged = trigger(channel, kHome);
   d.home_begun = acknowledged == Acknowledgement::kReceived;
   return acknowledged;
@@ -410,7 +424,14 @@ AxisStatus<Steps> LeadshinePr::status(const Channel& channel, Time deadline) {
   const auto guard = lock();
   Drive& d = drive(channel);
   d.home_begun = d.home_begun || running || !home_done;
-  if (home_done && !running && d.home_begun) d.homing = false;
+  // Some may say so at the switch already, before they go on to the stop position.
+  if (!home_done || running || !d.home_begun)
+    d.home_said.reset();
+  else if (!d.home_said)
+    d.home_said = clock().now();
+  if (d.home_said && ((status.position && status.position->count == 0) ||
+                      clock().now() - *d.home_said >= kOnToStopPosition))
+    d.homing = false;
   status.motion = running ? Motion::kMoving : d.homing ? Motion::kUnknown : Motion::kEnded;
   return status;
 }
@@ -425,7 +446,7 @@ void LeadshinePr::send_stop(const Channel& channel, bool immediate) {
   Attempts tried;
   tried([&] { write(channel, kStopRamp, 0); });  // else it halts as slowly as before
   tried([&] { write(channel, kTrigger, kStop); });
-  tried([&] { write(channel, kStopRamp, drive(channel).ramp_ms); });
+  tried([&] { write(channel, kStopRamp, drive(channel).stop_ms); });
   tried.rethrow();
 }
 

@@ -108,7 +108,7 @@ void AxisModel::move_to(Time now, double target, Ramp ramp) {
   add_leg(now, rest_.motor, to, ramp);
 }
 
-void AxisModel::home(Time now, Ramp ramp) {
+void AxisModel::home(Time now, Ramp ramp, double overshoot) {
   freeze(now);
   homed_ = false;
   on_move_ = false;
@@ -119,12 +119,14 @@ void AxisModel::home(Time now, Ramp ramp) {
     return;
   }
   homing_ = true;
-  const double beyond = clipped(-std::max(0.1 * ramp.speed, 20 * per_step_));
+  const double past = std::max({0.1 * ramp.speed, 20 * per_step_, 2 * std::abs(overshoot)});
+  const double beyond = clipped(overshoot < 0 ? past : -past);
   add_leg(now, rest_.motor, beyond, ramp);
-  add_leg(legs_[0].end(), beyond, 0.0, {ramp.initial_speed, ramp.initial_speed, ramp.acceleration});
+  const Ramp slow{overshoot == 0 ? ramp.initial_speed : 0.0, ramp.initial_speed, ramp.acceleration};
+  add_leg(legs_[0].end(), beyond, clipped(std::round(overshoot / per_step_) * per_step_), slow);
 }
 
-void AxisModel::stop(Time now, bool immediate) {
+void AxisModel::stop(Time now, bool immediate, std::optional<double> within_s) {
   never_ends_ = false;
   if (!moving(now)) return;
   const Leg& leg = legs_[leg_count_ == 2 && now >= legs_[0].end() ? 1 : 0];
@@ -137,6 +139,7 @@ void AxisModel::stop(Time now, bool immediate) {
                            ? std::ceil((rest_.motor - counter_zero_) / per_step_ - 1e-6)
                            : std::floor((rest_.motor - counter_zero_) / per_step_ + 1e-6)) *
                           per_step_;
+  if (within_s) ramp_ = {0.0, speed, speed / *within_s};
   // Too slow for a ramp: what the profile has left is less than a pulse.
   if (immediate || speed * speed <= 2 * ramp_.acceleration * per_step_) {
     rest_.motor = on_grid;

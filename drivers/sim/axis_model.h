@@ -12,6 +12,7 @@
 //     linearly during a move
 //
 // Homing ends with a slow forward approach of the switch at m = 0 and sets the counter to 0 there.
+// Where the controller says so it decelerates from there, and stands beyond its own zero.
 #pragma once
 
 #include <algorithm>
@@ -71,9 +72,12 @@ class AxisModel {
   /// limit.
   void move_to(Time now, double target, Ramp ramp);
   /// Finds the home switch: quickly past it, back, and slowly onto it.
-  void home(Time now, Ramp ramp);
+  /// @param overshoot where it comes to a halt after the switch was seen, from there; negative if
+  /// the slow approach is a backward one. 0 = on the switch.
+  void home(Time now, Ramp ramp, double overshoot = 0);
   /// Decelerates and halts; `immediate` halts on the spot.
-  void stop(Time now, bool immediate = false);
+  /// @param within_s how long that takes from any speed, if it is not the acceleration that counts.
+  void stop(Time now, bool immediate = false, std::optional<double> within_s = {});
   /// Lets the present position count as `value`.
   void set_counter(Time now, double value);
   /// Power cycle: halts on the spot, counter 0, nothing referenced.

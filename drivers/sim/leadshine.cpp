@@ -19,6 +19,7 @@ using std::chrono::milliseconds;
 using Words = std::map<std::uint16_t, std::uint16_t>;
 
 constexpr int kBroadcast = 0, kLastSlave = 31;
+constexpr int kInputs = 7, kOutputs = 3;  ///< of a drive
 
 // Exceptions.
 constexpr int kNoFunction = 0x01, kNoRegister = 0x02, kBadValue = 0x03, kGatewayTargetSilent = 0x0B;
@@ -26,7 +27,7 @@ constexpr int kNoFunction = 0x01, kNoRegister = 0x02, kBadValue = 0x03, kGateway
 constexpr std::uint16_t kOvercurrent = 0x0001, kEmergencyInput = 0x1000;
 constexpr std::uint16_t kNothingSaved = 0x1111, kSaved = 0x5555;
 constexpr Time kJogRepeat = milliseconds{50};
-constexpr double kJogRpm = 60;  // its parameter is not in the facts
+constexpr double kEncoderCounts = 65536;  ///< per revolution, of an iCL-RS
 constexpr Time kSpeedWindow = milliseconds{20};
 
 /// Ends the handling of a request.
@@ -57,14 +58,27 @@ Words factory_words(int slave) {
   parameters(0x0001, 0x0001, 10000);
   parameters(0x0003, 0x0003, 0);
   parameters(0x0007, 0x0007, 0);
+  parameters(0x0005, 0x0005, 1);     // source of the control mode
+  parameters(0x0009, 0x0009, 1499);  // inductance, uH
   parameters(0x000F, 0x000F, 1);
+  parameters(0x00A1, 0x00A1, 15);  // command filter, 0.1 ms
   parameters(0x0145, 0x0151, 0);
   parameters(0x0157, 0x015B, 0);
+  parameters(0x0167, 0x0169, 0);  // brake
   parameters(0x0191, 0x0191, 10);
+  parameters(0x0197, 0x0197, 100);  // current that locks the shaft, %
   parameters(0x01BD, 0x01BD, 4);
   parameters(0x01BF, 0x01BF, static_cast<std::uint16_t>(slave));
+  parameters(0x01C1, 0x01C1, 4);     // data format
+  parameters(0x01D1, 0x01D1, 500);   // ms until the standby current
+  parameters(0x01D3, 0x01D3, 50);    // standby current, %
+  parameters(0x01E1, 0x01E1, 60);    // jog, rpm
+  parameters(0x01E3, 0x01E5, 100);   // jog: pause, time
+  parameters(0x01E7, 0x01E7, 100);   // jog: ramp
+  parameters(0x0233, 0x0233, 4000);  // encoder
   words[0x6000] = 0;
-  for (std::uint16_t a = 0x6006; a <= 0x6012; ++a) words[a] = 0;
+  words[0x6001] = 0;
+  for (std::uint16_t a = 0x6006; a <= 0x601A; ++a) words[a] = 0;
   for (const int a : {0x6011, 0x6012, 0x6016, 0x6017}) words[static_cast<std::uint16_t>(a)] = 100;
   for (std::uint16_t a = 0x6200; a < 0x6280; ++a) words[a] = 0;
   return words;
@@ -84,11 +98,12 @@ Words rig_words(const AxisConfig& axis, int slave) {
   words[0x6000] = 0x0002;
   put(words, 0x6006, std::llround(axis.upper / axis.per_step()));
   put(words, 0x6008, std::llround(axis.lower / axis.per_step()));
-  words[0x600A] = 0x0004;
+  words[0x600A] = 0x0006;
   words[0x600F] = fast;
   words[0x6010] = std::min(fast, to_word(axis.initial_speed * rpm));
-  words[0x6011] = words[0x6012] = words[0x6017] = ramp;
-  words[0x6016] = std::min<std::uint16_t>(ramp, 50);
+  words[0x6011] = words[0x6012] = ramp;
+  words[0x6017] = to_word(1000 * axis.speed / axis.acceleration);
+  words[0x6016] = std::min<std::uint16_t>(words[0x6017], 50);
   return words;
 }
 
@@ -103,13 +118,15 @@ bool allowed(std::uint16_t address, std::uint16_t value) {
     case 0x0007:
     case 0x000F:
       return value <= 1;
+    case 0x00A1:
+      return value <= 512;
     case 0x01BD:
       return value <= 6;
     case 0x01BF:
       return value >= 1 && value <= kLastSlave;
     case 0x1801:
       return value == 0x1111 || value == 0x1122 || value == 0x2211 || value == 0x2233 ||
-             value == 0x4001 || value == 0x4002;
+             value == 0x2222 || value == 0x2244 || value == 0x4001 || value == 0x4002;
     case 0x6002:
       return (value >= 0x10 && value <= 0x1F) || value == 0x20 || value == 0x21 || value == 0x40;
     default:
@@ -124,6 +141,10 @@ struct Drive {
   enum class Doing { kNothing, kPath, kHome } doing = Doing::kNothing;
   std::int64_t goal = 0;        ///< of a path, pulses
   unsigned commands = 0;        ///< motions so far
+  bool home_done = false;       ///< also the way to the stop position
+  std::uint16_t trigger = 0;    ///< last written to 0x6002
+  std::uint16_t warning = 0;    ///< 0x601D
+  Words inputs{};               ///< functions of the inputs, as they were at power-up
   bool switch_to_come = false;  ///< has moved, and met no limit switch since
   std::uint16_t alarm = 0;      ///< until it is cleared
   std::uint16_t save_word = kNothingSaved;
@@ -154,6 +175,19 @@ struct Drive {
     return {initial_rpm / 60 * turn, rpm / 60 * turn, 1e6 / std::max(ms, 1) / 60 * turn};
   }
   bool soft_limits() const { return (at(0x6000) & 0x0002u) != 0; }
+  /// Bit n - 1: input n. Guess: as the switch is, whether it counts as closed or open.
+  std::uint16_t input_word(Time t, bool emergency_stop) const {
+    unsigned word = 0;
+    for (int i = 0; i < kInputs; ++i) {
+      const auto function = inputs.at(static_cast<std::uint16_t>(0x0145 + 2 * i));
+      const unsigned what = function & 0x7Fu;
+      const bool on = (what == 0x25 && axis->upper_switch(t)) ||
+                      (what == 0x26 && axis->lower_switch(t)) ||
+                      (what == 0x27 && axis->home_switch(t)) || (what == 0x22 && emergency_stop);
+      if (on) word |= 1u << static_cast<unsigned>(i);
+    }
+    return static_cast<std::uint16_t>(word);
+  }
 };
 
 class Leadshine final : public ControllerSimulator {
@@ -176,6 +210,7 @@ class Leadshine final : public ControllerSimulator {
   void write(Drive& drive, std::uint16_t address, std::uint16_t value, Time now);
   void control(Drive& drive, std::uint16_t word, Time now);
   void trigger(Drive& drive, std::uint16_t word, Time now);
+  void note_limit(Drive& drive, Time now);
   void begin(Drive& drive, Drive::Doing doing);
   void run_path(Drive& drive, int path, Time now);
   void run_on(Drive& drive, int direction, Ramp ramp, Time now);
@@ -209,20 +244,23 @@ Leadshine::Leadshine(const SimulatorSetup& setup, LeadshineGuesses guesses)
     for (const OutputConfig& output : config().outputs)
       if (output.register_at && output.slave == slave)
         drive.words.emplace(static_cast<std::uint16_t>(*output.register_at), output.off_value);
-    drive.saved = drive.words;
+    drive.saved = drive.inputs = drive.words;
     drives_.push_back(std::move(drive));
   }
 }
 
-void Leadshine::power_up(Time) {
+void Leadshine::power_up(Time now) {
   for (Drive& drive : drives_) {
-    drive.words = drive.saved;
+    drive.words = drive.inputs = drive.saved;
     drive.slave = drive.at(0x01BF);
     drive.doing = Drive::Doing::kNothing;
     drive.alarm = 0;
     drive.save_word = kNothingSaved;
     drive.jog = 0;
+    drive.home_done = false;
+    drive.trigger = drive.warning = 0;
     ++drive.commands;
+    if ((drive.at(0x6000) & 0x0004u) != 0) home(drive, now);  // nobody has asked for that
   }
 }
 
@@ -338,25 +376,62 @@ std::uint16_t Leadshine::status_of(Drive& drive, Time now) {
   const bool alarmed = alarm_of(drive, now) != 0, moving = drive.axis->moving(now);
   const bool done =
       !moving && ((drive.doing == Drive::Doing::kPath && drive.pulses(now) == drive.goal) ||
-                  (drive.doing == Drive::Doing::kHome && drive.axis->homed(now)));
+                  (drive.doing == Drive::Doing::kHome && drive.home_done));
   return static_cast<std::uint16_t>(
       (alarmed ? 0x01 : 0) | (!alarmed && drive.at(0x000F) == 1 ? 0x02 : 0) | (moving ? 0x04 : 0) |
-      (done ? 0x30 : 0) | (drive.axis->homed(now) ? 0x40 : 0));
+      (done ? 0x30 : 0) | (drive.home_done ? 0x40 : 0));
 }
 
 std::uint16_t Leadshine::read(Drive& drive, std::uint16_t address, Time now) {
   const auto half = [&](std::int64_t value) { return address % 2 == 0 ? high(value) : low(value); };
+  note_limit(drive, now);
   switch (address) {
+    case 0x0176:
+    case 0x0178:
+    case 0x017A:
+    case 0x017B:  // outputs
+    case 0x0186:
+    case 0x0187:  // switches on its case
+    case 0x01FE:
+    case 0x0200:
+      return 0;
+    case 0x0177:
+      return 240;  // of the supply, 0.1 V
+    case 0x0179:
+      return drive.input_word(now, emergency_stop());
+    case 0x01FF:
+    case 0x0201:
+      return 100;  // version, firmware
+    case 0x1001:
+      return 0;
     case 0x1003:
       return status_of(drive, now);
+    case 0x1010:  // following error
+    case 0x1011:
+      return 0;
+    case 0x1012:
+    case 0x1013:
+      return half(drive.pulses(now));
+    case 0x1014:
+    case 0x1015:  // of the encoder, which has a scale of its own
+      return half(
+          std::llround(static_cast<double>(drive.pulses(now)) / drive.at(0x0001) * kEncoderCounts));
     case 0x1044:
     case 0x1045:
     case 0x1046:
     case 0x1047:
       return half(std::lround(drive.rpm(now)));
     case 0x1801:
-    case 0x6002:
       return 0;
+    case 0x601C:
+      return 0;
+    case 0x601D:
+      return drive.warning;
+    case 0x602E:
+      return drive.input_word(now, emergency_stop());
+    case 0x6002:  // 0x010P: path P runs, 0x000P: it is there
+      return static_cast<std::uint16_t>((drive.axis->moving(now) ? 0x100u : 0u) |
+                                        (drive.trigger & 0x0Fu));
     case 0x1901:
       return std::exchange(drive.save_word, kNothingSaved);
     case 0x2203:
@@ -369,6 +444,7 @@ std::uint16_t Leadshine::read(Drive& drive, std::uint16_t address, Time now) {
     default:
       if (const auto word = drive.words.find(address); word != drive.words.end())
         return word->second;
+      if (address > 0x1003 && address < 0x1016) return 0;  // a client reads these as one block
       throw Refused{kNoRegister};
   }
 }
@@ -377,7 +453,7 @@ void Leadshine::write(Drive& drive, std::uint16_t address, std::uint16_t value, 
   if (address == 0x1801) return control(drive, value, now);
   if (address == 0x6002) return trigger(drive, value, now);
   drive.words[address] = value;
-  if (address == 0x6207 && value == 0x0010) run_path(drive, 0, now);
+  if (address == 0x6207 && value == 0x0010) trigger(drive, value, now);
   if (address == 0x000F && value == 0) drive.axis->stop(now, true);
   for (const OutputConfig& output : config().outputs)
     if (output.register_at == address && output.slave == drive.slave &&
@@ -410,10 +486,12 @@ void Leadshine::control(Drive& drive, std::uint16_t word, Time now) {
 // ---- motion
 
 void Leadshine::trigger(Drive& drive, std::uint16_t word, Time now) {
+  drive.trigger = word;
   if (word == 0x40) {
     drive.doing = Drive::Doing::kNothing;
     drive.jog = 0;
-    drive.axis->stop(now, drive.at(0x6017) == 0);
+    const int ms = drive.at(0x6017);
+    drive.axis->stop(now, ms == 0, ms / 1000.0);
   } else if (word == 0x20) {
     home(drive, now);
   } else if (word == 0x21) {
@@ -423,8 +501,19 @@ void Leadshine::trigger(Drive& drive, std::uint16_t word, Time now) {
   }
 }
 
+/// A path or a homing that met a limit switch has left a warning.
+void Leadshine::note_limit(Drive& drive, Time now) {
+  if (drive.doing == Drive::Doing::kNothing || drive.axis->moving(now) ||
+      !(drive.axis->lower_switch(now) || drive.axis->upper_switch(now)))
+    return;
+  if (drive.doing == Drive::Doing::kHome && !drive.home_done) drive.warning = 0x0100;
+  if (drive.doing == Drive::Doing::kPath && drive.pulses(now) != drive.goal)
+    drive.warning = static_cast<std::uint16_t>(0x0200 + (drive.trigger & 0x0Fu));
+}
+
 void Leadshine::begin(Drive& drive, Drive::Doing doing) {
   drive.doing = doing;
+  drive.warning = 0;
   drive.jog = 0;
   drive.switch_to_come = true;
   ++drive.commands;
@@ -466,15 +555,31 @@ void Leadshine::home(Drive& drive, Time now) {
   const int fast = drive.at(0x600F), slow = drive.at(0x6010);
   if (!able(drive, now) || fast == 0 || slow == 0) return;
   begin(drive, Drive::Doing::kHome);
-  drive.axis->home(now, drive.ramp(fast, std::max(drive.at(0x6011), drive.at(0x6012)), slow));
+  drive.home_done = false;
+  const Ramp ramp = drive.ramp(fast, std::max(drive.at(0x6011), drive.at(0x6012)), slow);
+  // The switch is seen in full motion. Whole pulses, and at least one.
+  const double halt = ramp.initial_speed * ramp.initial_speed / (2 * ramp.acceleration);
+  const double overshoot =
+      std::max(1.0, std::ceil(halt / drive.axis->per_step() - 1e-6)) * drive.axis->per_step();
+  drive.axis->home(now, ramp, (drive.at(0x600A) & 0x0001u) != 0 ? -overshoot : overshoot);
   const auto end = drive.axis->ends_at();
-  if (!end || (drive.pair(0x600B) == 0 && (drive.at(0x600A) & 0x0002u) == 0)) return;
-  later(*end, [this, &drive, command = drive.commands](Time t) {
-    if (drive.commands != command || !drive.axis->homed(t)) return;
-    drive.axis->set_counter(t, drive.pair(0x600B) * drive.per_pulse());
-    if ((drive.at(0x600A) & 0x0002u) != 0)
-      drive.axis->move_to(t, drive.pair(0x600D) * drive.per_pulse(),
-                          drive.ramp(drive.at(0x600F), drive.at(0x6011)));
+  if (!end) return;
+  later(*end, [this, &drive, command = drive.commands](Time found) {
+    if (drive.commands != command || !drive.axis->homed(found)) return;
+    drive.axis->set_counter(
+        found, drive.axis->counter_position(found) + drive.pair(0x600B) * drive.per_pulse());
+    if ((drive.at(0x600A) & 0x0002u) == 0) {
+      drive.home_done = true;
+      return;
+    }
+    const std::int64_t stop_at = drive.pair(0x600D);
+    drive.axis->move_to(found, static_cast<double>(stop_at) * drive.per_pulse(),
+                        drive.ramp(drive.at(0x600F), drive.at(0x6011)));
+    if (const auto there = drive.axis->ends_at())
+      later(*there, [&drive, command, stop_at](Time t) {
+        drive.home_done = drive.commands == command && drive.doing == Drive::Doing::kHome &&
+                          drive.pulses(t) == stop_at;
+      });
   });
 }
 
@@ -483,7 +588,7 @@ void Leadshine::jog(Drive& drive, int direction, Time now) {
   if (drive.jog != direction) {
     begin(drive, Drive::Doing::kNothing);
     drive.jog = direction;
-    run_on(drive, direction, drive.ramp(kJogRpm, 100), now);
+    run_on(drive, direction, drive.ramp(std::max<int>(drive.at(0x01E1), 1), 100), now);
   }
   drive.jog_until = now + kJogRepeat;
   later(drive.jog_until, [&drive](Time t) {

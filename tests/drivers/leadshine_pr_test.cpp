@@ -10,6 +10,7 @@
 #include <cmath>
 
 #include "drivers/motion.h"
+#include "protocols/modbus_master.h"
 #include "src/core/errors.h"
 #include "tests/support/message_of.h"
 #include "tests/support/simulated_leadshine.h"
@@ -100,8 +101,8 @@ class LeadshineBytes : public ::testing::Test {
         {kReadPulses, "0303020640c3d4"},
         {kReadEnable, "03030200010044"},
         {kReadConfig, "03030200024045"},
-        {kReadLimitsAndHoming, "03031a00005dc0ffffa240000400000000000000000096001e029b029bbbb5"},
-        {kReadStopRamps, "0303040032029b38f7"},
+        {kReadLimitsAndHoming, "03031a00005dc0ffffa240000600000000000000000096001e029b029b1ad5"},
+        {kReadStopRamps, "030304003201f4782b"},
         {kReadAlarm, "0303020000c184"},
         {kReadStatus, "030302007241a1"},
         {kReadPosition, "03030400000000d9f3"},
@@ -127,21 +128,24 @@ TEST_F(LeadshineBytes, ConnectingReadsAndChangesNothing) {
 }
 
 TEST_F(LeadshineBytes, ConfiguringWritesTheSetUpAndKeepsBitsThatAreNotItsBusiness) {
-  drive.replies[kReadConfig] = "03030200038185";  // bit 0 is on
-  drive.replies["0303600a0001bbea"] = "0303020004c047";
+  drive.replies[kReadConfig] = "03030200078046";  // bit 0 is on, and 2: it would home by itself
+  drive.replies["0303600a0001bbea"] = "03030200050187";  // the other direction, and staying there
   drive.replies["0310600600020400005dc0e8ff"] = "031060060002be2b";
   drive.replies["03106008000204ffffa2402907"] = "031060080002dfe8";
   drive.replies["0310600b0002040000000011a6"] = "0310600b00022fe8";
   drive.replies["0310600d00020400000000918c"] = "0310600d0002cfe9";
+  drive.on_heard = [&](const std::string& frame) {
+    if (frame == "030660000003d629") drive.replies[kReadConfig] = "03030200038185";
+  };
   controller->configure();
-  drive.heard.resize(16);
+  drive.heard.resize(18);
   EXPECT_THAT(
       drive.heard,
-      ElementsAre("030600010640dbb8", "0306000f000179eb", kReadConfig, "030660000003d629",
+      ElementsAre("030600010640dbb8", "0306000f000179eb", kReadConfig, "030660000007d7ea", kReadConfig, "030660000003d629",
                   "0310600600020400005dc0e8ff", "03106008000204ffffa2402907", "0303600a0001bbea",
-                  "0306600a0004b7e9", "0310600b0002040000000011a6", "0310600d00020400000000918c",
+                  "0306600a0007f7e8", "0310600b0002040000000011a6", "0310600d00020400000000918c",
                   "0306600f00962645", "03066010001e17e5", "03066011029b86e6", "03066012029b76e6",
-                  "030660160032f639", "03066017029b66e7"));
+                  "030660160032f639", "0306601701f4263b"));
 }
 
 TEST_F(LeadshineBytes, AMoveIsWrittenReadBackAndTriggered) {
@@ -170,7 +174,7 @@ TEST_F(LeadshineBytes, AnAxisThatGoesOnIsStoppedWithoutDecelerationWhichIsPutBac
   };
   yaw().stop();
   std::erase_if(drive.heard, [](const std::string& frame) { return frame.starts_with("0303"); });
-  EXPECT_THAT(drive.heard, ElementsAre(kStop, "030660170000262c", kStop, "03066017029b66e7"));
+  EXPECT_THAT(drive.heard, ElementsAre(kStop, "030660170000262c", kStop, "0306601701f4263b"));
 }
 
 TEST_F(LeadshineBytes, NegativePositionsAreTwosComplementHighWordFirst) {
@@ -201,7 +205,7 @@ TEST_F(LeadshineBytes, NamesRefusalsInWords) {
   EXPECT_THAT(message_of<DeviceError>([&] { controller->connect(); }),
               AllOf(HasSubstr("reading register 0x6016"), HasSubstr("exception 02"),
                     HasSubstr("it has no such register")));
-  drive.replies[kReadStopRamps] = "0303040032029b38f7";
+  drive.replies[kReadStopRamps] = "030304003201f4782b";
   controller->connect();
   yaw().home();
   drive.replies[kRun] = "038603a3a1";
@@ -355,7 +359,7 @@ TEST_F(LeadshinePr, NamesEveryDifferenceByItsRegister) {
                   "yaw: register 0x6008 (lower soft limit, pulses): wanted -24000, found -48000",
                   "yaw: register 0x6011 (homing acceleration, ms): wanted 667, found 333",
                   "yaw: register 0x6012 (homing deceleration, ms): wanted 667, found 333",
-                  "yaw: register 0x6017 (deceleration of a stop, ms): wanted 667, found 333",
+                  "yaw: register 0x6017 (deceleration of a stop, ms): wanted 500, found 250",
                   "pitch: register 0x600F (fast homing speed, rpm): wanted 150, found 300"));
   rig.mark();
   EXPECT_THAT(message_of<DeviceError>([&] { rig.yaw().home(); }),
@@ -384,6 +388,45 @@ TEST_F(LeadshinePr, ASetUpThatAPowerCycleTookAwayBlocksHoming) {
   rig.controller->configure();
   rig.yaw().home();
   EXPECT_NEAR(rig.move(rig.yaw(), 27).position.value, 27, 1e-9);
+}
+
+/// What a person may have set a drive up to, by the bytes of her own tool.
+void set(SimulatedLeadshine& rig, std::initializer_list<std::pair<std::uint16_t, std::uint16_t>> registers) {
+  auto [near, far] = line_pair("another master");
+  rig.simulator->plug(std::move(far));
+  ModbusMaster master(std::move(near), rig.clock, ModbusMaster::Framing::kRtu,
+                      std::chrono::seconds{1});
+  for (const auto& [address, value] : registers)
+    master.write_register(2, address, value);
+  rig.reconnect();
+}
+
+TEST_F(LeadshinePr, AMotorThatStaysBeyondItsSwitchIsADifferenceAndIsSetUpToComeBack) {
+  set(*this, {{0x600A, 0x0004}, {0x600E, 80}});
+  EXPECT_THAT(controller->connect(),
+              ElementsAre("yaw: register 0x600A (homes on the origin switch, and goes to the stop "
+                          "position then): wanted 0x0006, found 0x0004",
+                          "yaw: register 0x600D (position to go to after homing, pulses): wanted "
+                          "0, found 80"));
+  mark();
+  EXPECT_THROW(yaw().home(), DeviceError);
+  EXPECT_EQ(said("home"), 0);
+  controller->configure();
+  yaw().home();
+  EXPECT_NEAR(counter(AxisId::kYaw), 0, 1e-9);
+  EXPECT_NEAR(truth(AxisId::kYaw), 0, 1e-9);
+  EXPECT_NEAR(move(yaw(), 7).position.value, 7, 1e-9);
+}
+
+TEST_F(LeadshinePr, ADriveThatHomesByItselfIsADifferenceInPlainWordsAndIsSetUpNotTo) {
+  set(*this, {{0x6000, 0x0006}, {0x600A, 0x0007}});
+  EXPECT_THAT(controller->connect(),
+              ElementsAre("yaw: register 0x6000 (homes by itself when it is switched on, so that "
+                          "the table moves without being asked): wanted off, found on"));
+  controller->configure();
+  EXPECT_THAT(controller->connect(), IsEmpty());
+  yaw().home();  // in the direction that was set
+  EXPECT_NEAR(truth(AxisId::kYaw), 0, 1e-9);
 }
 
 TEST_F(LeadshinePr, PulsesAnOutputOfADrive) {

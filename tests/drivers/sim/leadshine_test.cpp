@@ -135,7 +135,7 @@ TEST_F(Leadshine, RefusesInModbusWords) {
   EXPECT_EQ(raw("010600010064d9e1"), "0186030261");  // value
   EXPECT_EQ(ask("01 01 0000 0001"), "018101");
   EXPECT_EQ(ask("01 03 0001 0000"), "018303");
-  EXPECT_EQ(ask("01 03 0001 0005"), "018302");  // runs into a gap
+  EXPECT_EQ(ask("01 03 0009 0002"), "018302");  // runs into a gap
   EXPECT_EQ(ask("01 10 6006 0002 04 0000 0001"), "011060060002");
   EXPECT_EQ(ask("01 10 6006 0002 02 0000"), "019003");  // count and bytes disagree
   EXPECT_EQ(ask("01 06 1003 0001"), "018602");          // read only
@@ -144,7 +144,7 @@ TEST_F(Leadshine, RefusesInModbusWords) {
 }
 
 TEST_F(Leadshine, AWriteOfSeveralRegistersIsDoneWholeOrNotAtAll) {
-  EXPECT_EQ(ask("02 10 6001 0002 04 0001 0010"), "029002");
+  EXPECT_EQ(ask("02 10 6002 0002 04 0010 0001"), "029002");
   EXPECT_EQ(ask("02 10 000E 0002 04 0000 0007"), "029003");
   EXPECT_EQ(read(2, 0x000F), "0001");
 }
@@ -264,6 +264,45 @@ TEST_F(Leadshine, ASoftLimitKeepsAPathFromBeginning) {
   EXPECT_EQ(read(2, 0x1003), "0006");
 }
 
+TEST_F(Leadshine, DeceleratesPastTheOriginAndGoesBackToTheStopPosition) {
+  set(2, 0x6002, 0x20);
+  bool overshot = false;
+  while (read(2, 0x1003) == "0006") {  // home done not before it is back
+    clock.sleep_for(milliseconds{1});
+    overshot |= device->axis(AxisId::kYaw).true_position(clock.now()) > 0.0095;
+  }
+  EXPECT_EQ(read(2, 0x1003), "0072");
+  EXPECT_EQ(read(2, 0x602A, 2), "00000000");
+  EXPECT_TRUE(overshot);
+}
+
+TEST_F(Leadshine, WithoutTheWayBackItStandsBeyondTheOriginItCountsFrom) {
+  set(2, 0x600A, 0x0004);
+  set(2, 0x6002, 0x20);
+  clock.sleep_for(seconds{20});
+  EXPECT_EQ(read(2, 0x1003), "0072");
+  // From 30 rpm (1 deg/s) with 667 ms per 1000 rpm (49.975 deg/s^2): 0.010005 deg, 9 pulses.
+  EXPECT_EQ(read(2, 0x602A, 2), "00000009");
+  EXPECT_NEAR(device->axis(AxisId::kYaw).true_position(clock.now()), 0.01125, 1e-9);
+  set(2, 0x600A, 0x0005);  // found from the other side
+  set(2, 0x6002, 0x20);
+  clock.sleep_for(seconds{20});
+  EXPECT_EQ(read(2, 0x602A, 2), "fffffff7");
+}
+
+TEST_F(Leadshine, HomesByItselfWhenItIsSwitchedOnIfThatWasSaved) {
+  for (const bool saved : {false, true}) {
+    set(2, 0x6000, 0x0006);
+    if (saved) set(2, 0x1801, 0x2211);
+    device->add_fault({.kind = FaultKind::kReset, .verb = "get"});
+    read(2, 0x0001);
+    clock.sleep_for(milliseconds{1});
+    EXPECT_EQ(moving(), saved);
+    clock.sleep_for(seconds{20});
+    EXPECT_EQ(read(2, 0x1003), saved ? "0072" : "0002");
+  }
+}
+
 TEST_F(Leadshine, HomesAndCountsFromThere) {
   write_path(2, 0, 0x0001, 8000, 750, 0x10);
   clock.sleep_for(seconds{3});
@@ -305,6 +344,61 @@ TEST_F(Leadshine, StopsWithARampOrOnTheSpot) {
     clock.sleep_for(seconds{1});
     EXPECT_EQ(read(2, 0x1003), "0002");  // enabled, and nothing done
   }
+}
+
+TEST_F(Leadshine, AStopTakesItsMillisecondsFromWhateverSpeed) {
+  for (const int rpm : {750, 75}) {
+    write_path(2, 0, 0x0001, rpm == 750 ? 24000 : 0, rpm, 0x10);
+    clock.sleep_for(seconds{1});
+    set(2, 0x6017, 200);
+    set(2, 0x6002, 0x40);
+    clock.sleep_for(milliseconds{190});
+    EXPECT_TRUE(moving());
+    clock.sleep_for(milliseconds{20});
+    EXPECT_FALSE(moving());
+  }
+}
+
+TEST_F(Leadshine, KnowsWhatOtherPeoplesClientsAskFor) {
+  for (const int address : {0x0005, 0x0009, 0x00A1, 0x0177, 0x0179, 0x017B, 0x0187, 0x0197, 0x01C1,
+                            0x01D1, 0x01D3, 0x01E1, 0x01FF, 0x0201, 0x1010, 0x1012, 0x1014, 0x6013,
+                            0x6015, 0x601A, 0x601D, 0x602E})
+    EXPECT_EQ(read(2, address).size(), 4u) << address;
+  EXPECT_EQ(read(2, 0x1003, 19).size(), 4u * 19);  // status and feedback as one block
+  EXPECT_EQ(ask("02 06 00A1 0201"), "028603");     // 512 at most
+  set(2, 0x601A, 0x0002);
+}
+
+TEST_F(Leadshine, SaysWhatItIsDoingWhereItIsTold) {
+  write_path(2, 3, 0x0001, 8000);
+  set(2, 0x6002, 0x13);
+  EXPECT_EQ(read(2, 0x6002), "0103");
+  clock.sleep_for(seconds{3});
+  EXPECT_EQ(read(2, 0x6002), "0003");
+  EXPECT_EQ(read(2, 0x1012, 2), "00001f40");
+  EXPECT_EQ(read(2, 0x1014, 2), "00050000");  // five turns, 65536 counts each
+}
+
+TEST_F(Leadshine, ALimitSwitchIsAnInputAndAWarning) {
+  set(2, 0x0147, 0x25);
+  set(2, 0x0149, 0xA6);
+  set(2, 0x1801, 0x2211);
+  device->add_fault({.kind = FaultKind::kReset, .verb = "get"});
+  read(2, 0x0001);  // what an input means counts after a power cycle
+  clock.sleep_for(milliseconds{1});
+  device->add_fault({.kind = FaultKind::kLimitHit, .verb = "move", .delay_s = 0.3});
+  write_path(2, 5, 0x0001, 8000);
+  set(2, 0x6002, 0x15);
+  EXPECT_EQ(read(2, 0x601D), "0000");
+  clock.sleep_for(milliseconds{400});
+  EXPECT_EQ(read(2, 0x601D), "0205");
+  EXPECT_EQ(read(2, 0x0179), "0002");
+  set(2, 0x6002, 0x20);
+  EXPECT_EQ(read(2, 0x601D), "0000");
+  device->add_fault({.kind = FaultKind::kLimitHit, .verb = "home", .delay_s = 0.1});
+  set(2, 0x6002, 0x20);
+  clock.sleep_for(seconds{1});
+  EXPECT_EQ(read(2, 0x601D), "0100");
 }
 
 TEST_F(Leadshine, JogsAsLongAsItIsTold) {
