@@ -57,7 +57,7 @@ void AsciiDialog::notice_reopening() {
   if (std::exchange(opened_, line_.times_opened()) == line_.times_opened()) return;
   pending_.clear();
   overlong_ = false;
-  in_step_ = false;
+  in_step_ = true;
   cut_off_ = true;
 }
 

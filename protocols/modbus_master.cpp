@@ -183,30 +183,38 @@ void ModbusMaster::write(const std::string& pdu, int slave, Repeat repeat) {
   const auto turn = line_.lock();
   const std::string answer = exchange(pdu, slave, 5, repeat);
   if (answer == pdu.substr(0, 5)) return;
-  line_.set_in_step(false);
+  line_.set_unanswered(clock_->now());
   throw ProtocolError(fmt::format("{}: slave {} confirms another write ({}) than the one asked for",
                                   line_.name(), slave, hex(answer)));
 }
 
-/// Lets what still comes after trouble come, and throws it away.
-void ModbusMaster::settle() {
-  const Time quiet = urgent_ ? kUrgentQuiet : kQuiet;
-  const Time end = clock_->now() + (urgent_ ? kUrgentQuiet : kSettleMost);
+/// Lets what still comes after trouble come, and throws it away. A stop waits for it only as long as an
+/// answer may be on its way: talking into it would lose both.
+void ModbusMaster::settle(Time unanswered_since) {
   Line& line = line_.line();
+  const auto readable = [&](Time until) {
+    return clock_->now() < until && clock_->wait_readable(line.descriptor(), until);
+  };
   line.drain(clock_->now());
-  while (clock_->now() < end && !(give_way_ && give_way_()) &&
-         clock_->wait_readable(line.descriptor(), std::min(end, clock_->now() + quiet)))
+  if (urgent_) {
+    if (framing_ == Framing::kRtu && readable(unanswered_since + kAnswerOnItsWay))
+      line.drain(clock_->now());
+    if (readable(clock_->now() + kUrgentQuiet)) line.drain(clock_->now());
+    return;
+  }
+  const Time end = clock_->now() + kSettleMost;
+  while (!(give_way_ && give_way_()) && readable(std::min(end, clock_->now() + kQuiet)))
     line.drain(clock_->now());
 }
 
 /// Puts a frame on the line, after the silence that has to be between frames. What is on the line then
 /// is no answer to it. A line that is flooded is never silent: what is urgent goes out all the same.
 void ModbusMaster::send(const std::string& frame, Time deadline) {
-  if (!line_.in_step()) settle();
+  if (const auto since = line_.unanswered_since()) settle(*since);
   line_.line().drain(clock_->now());
   line_.await_silence(*clock_);
   line_.line().drain(clock_->now());
-  line_.set_in_step(false);
+  line_.set_unanswered(clock_->now());
   line_.line().write(frame, *clock_, deadline);
 }
 
@@ -238,7 +246,7 @@ std::string ModbusMaster::exchange(const std::string& pdu, int slave, std::size_
     frame[0] = static_cast<char>(high(transaction_));
     frame[1] = static_cast<char>(low(transaction_));
   }
-  send(frame, clock_->now() + timeout_);
+  send(frame, clock_->now() + kSettleMost + timeout_);
   Line& line = line_.line();
   const Time sent = clock_->now(), deadline = sent + timeout_;
   const Time patience = sent + (framing_ == Framing::kRtu ? kAnswerOnItsWay : kBusSlice);
@@ -260,7 +268,7 @@ std::string ModbusMaster::exchange(const std::string& pdu, int slave, std::size_
     if (!drop_echo(received, frame, function, echo_due)) continue;
     if (const std::string answer = answer_in(received, function, slave, answer_bytes);
         !answer.empty()) {
-      line_.set_in_step(true);
+      line_.set_unanswered(std::nullopt);
       if (byte_at(answer, 0) == function) return answer;
       refused(pdu, slave, byte_at(answer, 1), repeat);
     }

@@ -64,8 +64,8 @@ class ModbusMaster {
   void write_registers(int slave, std::uint16_t address, std::span<const std::uint16_t> values,
                        Repeat repeat = Repeat::kNever);
 
-  /// While it lives, an exchange after trouble waits 5 ms at most for the line to be quiet: a stop
-  /// cannot wait, and may be said again.
+  /// While it lives, an exchange after trouble waits 5 ms at most for the line to be quiet, and until an
+  /// answer that may be on its way has come: a stop cannot wait longer, and may be said again.
   class Urgent {
    public:
     explicit Urgent(ModbusMaster& master) : master_(master) { master_.urgent_ = true; }
@@ -90,7 +90,7 @@ class ModbusMaster {
   [[noreturn]] void refused(const std::string& pdu, int slave, int code, Repeat repeat) const;
   [[noreturn]] void unanswered(const std::string& received, const std::string& frame,
                                int slave) const;
-  void settle();
+  void settle(Time unanswered_since);
 
   SharedLine line_;
   Clock* clock_;

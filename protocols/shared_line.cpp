@@ -18,7 +18,7 @@ struct SharedLine::State {
   std::atomic<bool> stopping{false};
   Time silence{0};
   std::atomic<unsigned> times_opened{1};
-  bool in_step = true;
+  std::optional<Time> unanswered_since;
   std::optional<bool> echoes;
 };
 
@@ -65,9 +65,10 @@ std::optional<Time> SharedLine::last_byte() const {
   return state_->line ? state_->line->last_byte() : std::nullopt;
 }
 
+/// Of a line that has just been opened nobody knows who spoke last.
 void SharedLine::await_silence(Clock& clock) const {
-  if (const auto last = last_byte(); last && state_->silence > Time{0})
-    clock.sleep_until(*last + state_->silence);
+  if (state_->silence > Time{0})
+    clock.sleep_until(last_byte().value_or(clock.now()) + state_->silence);
 }
 
 bool SharedLine::can_reopen() const { return static_cast<bool>(state_->open); }
@@ -77,13 +78,15 @@ void SharedLine::reopen() const {
   state_->line.reset();  // a serial server takes one client at a time
   state_->line.emplace(state_->open());
   ++state_->times_opened;
-  state_->in_step = true;
+  state_->unanswered_since.reset();
   state_->echoes.reset();
 }
 
 unsigned SharedLine::times_opened() const { return state_->times_opened; }
-bool SharedLine::in_step() const { return state_->in_step; }
-void SharedLine::set_in_step(bool in_step) const { state_->in_step = in_step; }
+std::optional<Time> SharedLine::unanswered_since() const { return state_->unanswered_since; }
+void SharedLine::set_unanswered(std::optional<Time> since) const {
+  state_->unanswered_since = since;
+}
 std::optional<bool> SharedLine::echoes() const { return state_->echoes; }
 void SharedLine::set_echoes(bool echoes) const { state_->echoes = echoes; }
 

@@ -62,9 +62,10 @@ class SharedLine {
   /// under way, and may be talking to a device that was switched off meanwhile.
   unsigned times_opened() const;
 
-  /// False after an exchange that failed: a late answer may still come. Called locked.
-  bool in_step() const;
-  void set_in_step(bool in_step) const;
+  /// When the request was sent that has not been answered yet, or was not answered at all: an answer may
+  /// still come. Nothing if the last exchange ended well. Called locked.
+  std::optional<Time> unanswered_since() const;
+  void set_unanswered(std::optional<Time> since) const;
   /// Whether the adapter hands back what is sent, as far as that is known. Called locked.
   std::optional<bool> echoes() const;
   void set_echoes(bool echoes) const;

@@ -33,6 +33,7 @@ constexpr std::array kFaultNames{
     std::pair{FaultKind::kLimitHit, "limit_hit"sv},
     std::pair{FaultKind::kAlarm, "alarm"sv},
     std::pair{FaultKind::kEmergencyStop, "emergency_stop"sv},
+    std::pair{FaultKind::kFlood, "flood"sv},
 };
 
 bool same_word(std::string_view a, std::string_view b) {
@@ -124,14 +125,14 @@ void ControllerSimulator::act(Time now) {
   while (line_) {
     std::size_t n = 0;
     try {
-      const auto last = line_->last_byte();
-      silence_ = last ? now - *last : Time::max();
       n = line_->read_available(buffer, now);
     } catch (const LineError&) {
       unplug();
       return;
     }
     if (n == 0) return;
+    silence_ = last_byte_ ? now - *last_byte_ : Time::max();
+    last_byte_ = now;
     receive({buffer.data(), n}, now);
   }
 }
@@ -151,13 +152,27 @@ void ControllerSimulator::hear(std::string_view bytes, Time now, Time silence) {
 
 void ControllerSimulator::send(std::string_view bytes) {
   if (bytes.empty()) return;
+  last_byte_ = now_;
   if (bus_) return bus_(bytes, now_);
+  write(bytes);
+}
+
+void ControllerSimulator::write(std::string_view bytes) {
   if (!line_) return;
   try {
     line_->write_available(bytes, now_);  // a wire without flow control loses what nobody reads
   } catch (const LineError&) {
     unplug();
   }
+}
+
+/// Comes from an adapter or a cable and not from the controller, which hears its master all the while.
+void ControllerSimulator::flood(Time now) {
+  constexpr std::size_t kBytes = 64;  // in a millisecond
+  std::string noise;
+  for (std::size_t i = 0; i < kBytes; ++i) noise += static_cast<char>(noise_());
+  write(noise);
+  if (line_) later(now + std::chrono::milliseconds{1}, [this](Time t) { flood(t); });
 }
 
 void ControllerSimulator::answer(std::string bytes, Time now) {
@@ -243,6 +258,9 @@ void ControllerSimulator::serve(Request request, Time now,
         break;
       case FaultKind::kUnplugged:
         later(due, [this](Time) { unplug(); });
+        break;
+      case FaultKind::kFlood:
+        later(due, [this](Time t) { flood(t); });
         break;
       default:
         reply_fault = fault;

@@ -8,6 +8,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <random>
 #include <set>
 #include <string>
 #include <vector>
@@ -144,6 +145,8 @@ class ControllerSimulator : public Actor {
   void reset(Time now);
   void answer(std::string bytes, Time now);
   void answer_at(Time due, std::string bytes);
+  void write(std::string_view bytes);
+  void flood(Time now);
   void answer(std::string bytes, const std::optional<Fault>& fault, Time now);
 
   ControllerConfig config_;
@@ -164,6 +167,8 @@ class ControllerSimulator : public Actor {
   unsigned interruptions_ = 0;
   Time now_{0};
   Time silence_{Time::max()};
+  std::optional<Time> last_byte_;  ///< heard or said
+  std::minstd_rand noise_;
 };
 
 }  // namespace turntable::sim

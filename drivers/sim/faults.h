@@ -26,6 +26,7 @@ enum class FaultKind {
   kLimitHit,        ///< a limit switch comes on `delay_s` after the command and halts the axis
   kAlarm,           ///< the driver of the axis gives up `delay_s` after the command
   kEmergencyStop,   ///< the button is pressed `delay_s` after the command: everything halts
+  kFlood,  ///< from `delay_s` after the command on, noise comes without pause; requests are heard
 };
 
 /// "silence", "lost_reply", ...: the names that fault files use.

@@ -264,6 +264,43 @@ TEST_P(EveryController, TellsEveryAxisToStopBeforeItTellsOneAgain) {
       r->axes.size());
 }
 
+void flood(const ControllerVariant& variant, const char* flooded) {
+  SCOPED_TRACE(variant.name() + " from a " + flooded + " on");
+  const auto r = std::make_unique<SimulatedController>(variant);
+  r->ready();
+  const bool homes = std::string_view(flooded) == "home";
+  r->fault({.kind = FaultKind::kFlood, .verb = flooded, .delay_s = 0.1});
+  const Time began = r->clock.now();
+  try {
+    if (homes) r->roll().home();
+    r->yaw().start(Degrees{28});
+    while (!r->yaw().advance()) {  // answers may still be found among the noise
+    }
+  } catch (const Error&) {
+  }
+  EXPECT_LT(seconds(r->clock.now() - began), 120.0);  // a deaf SC300 has that long for homing
+  const std::size_t before = r->requests("stop");
+  const Time asked = r->clock.now();
+  try {
+    r->controller->stop_all();
+  } catch (const Error&) {  // nobody can be heard to have stopped
+  }
+  EXPECT_LT(seconds(r->clock.now() - asked), 60.0);
+  EXPECT_GE(r->requests("stop") - before, r->axes.size());
+  EXPECT_FALSE(r->anything_moves());
+  const auto stop = std::ranges::find_if(r->simulator->requests(), [&](const auto& request) {
+    return request.kind == "stop" && request.at >= asked;
+  });
+  ASSERT_NE(stop, r->simulator->requests().end());
+  EXPECT_LT(seconds(stop->at - asked), 0.05);
+}
+
+// On a socketpair only: other lines deliver noise at the pace of the wall.
+TEST(FloodedLine, EndsEveryWaitAtItsDeadlineAndTellsTheAxesToStop) {
+  for (const ControllerVariant& variant : all_controllers())
+    for (const char* flooded : {"status", "move", "home"}) flood(variant, flooded);
+}
+
 TEST_P(EveryController, AStopFromAnotherThreadGoesOutWithinOnePollInterval) {
   for (int nth = 1; nth <= 25; ++nth) {
     const auto r = rig();

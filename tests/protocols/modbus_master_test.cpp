@@ -24,6 +24,7 @@ class Peer final : public Actor {
     std::array<char, 512> buffer;
     if (const std::size_t n = line_.read_available(buffer, now); n > 0) {
       heard.emplace_back(buffer.data(), n);
+      times.push_back(now);
       if (!answers.empty()) {
         line_.write_available(answers.front(), now);
         answers.pop_front();
@@ -39,6 +40,7 @@ class Peer final : public Actor {
   std::string then;  ///< comes `after` the next answer
   Time after = std::chrono::milliseconds{30};
   std::vector<std::string> heard;
+  std::vector<Time> times;  ///< of what was heard
 
  private:
   Line line_;
@@ -120,7 +122,7 @@ TEST_F(Modbus, PutsASplitAnswerTogether) {
 
 TEST_F(Modbus, TellsSilenceFromNoise) {
   EXPECT_THROW(read(), TimeoutError);
-  EXPECT_NEAR(seconds(clock.now()), 1.0, 1e-6);
+  EXPECT_NEAR(seconds(clock.now()), 1.0, 0.002);  // and the silence before a frame
   std::string spoilt = kAnswer;
   spoilt[4] ^= 1;
   peer.answers = {spoilt};
@@ -144,6 +146,104 @@ TEST_F(Modbus, GivesWayToAStopOnceNoAnswerIsOnItsWayAnyMore) {
   give_way = true;
   EXPECT_THROW(read(), GaveWay);
   EXPECT_NEAR(seconds(clock.now()), 0.1, 0.0201);  // slaves answer within 73 ms
+}
+
+TEST_F(Modbus, LeavesTheSilenceOfThreeAndAHalfCharactersBetweenFrames) {
+  peer.answers = {kAnswer, kAnswer, kAnswer};
+  for (int i = 0; i < 3; ++i) read();
+  ASSERT_EQ(peer.times.size(), 3u);
+  for (std::size_t i = 1; i < 3; ++i) {
+    EXPECT_GE(seconds(peer.times[i] - peer.times[i - 1]), 0.00175);
+    EXPECT_LE(seconds(peer.times[i] - peer.times[i - 1]), 0.002);
+  }
+  EXPECT_NEAR(seconds(rtu_silence(9600)), 3.5 * 11 / 9600, 1e-9);
+  EXPECT_NEAR(seconds(rtu_silence(19200)), 3.5 * 11 / 19200, 1e-9);
+  EXPECT_NEAR(seconds(rtu_silence(115200)), 0.00175, 1e-9);
+}
+
+const std::string kReadRequest = bytes("0104753F00025BCB");
+const std::string kWriteRequest = bytes("0106756C005593E4");  // and its answer
+
+TEST_F(Modbus, DropsItsOwnFrameWhereTheAdapterHandsItBack) {
+  peer.answers = {kReadRequest + kAnswer, kWriteRequest + kWriteRequest};
+  EXPECT_THAT(read(), ElementsAre(0x4145, 0x851F));
+  master.write_register(1, 0x756C, 0x55);
+  peer.answers = {kReadRequest.substr(0, 3)};  // handed back byte by byte
+  peer.then = kReadRequest.substr(3) + kAnswer;
+  EXPECT_THAT(read(), ElementsAre(0x4145, 0x851F));
+}
+
+TEST_F(Modbus, DoesNotTakeAnEchoForTheConfirmationOfAWrite) {
+  peer.answers = {kReadRequest + kAnswer, kWriteRequest};  // whoever was to write is silent
+  read();
+  try {
+    master.write_register(1, 0x756C, 0x55);
+    FAIL() << "confirmed by its own bytes";
+  } catch (const TimeoutError& e) {
+    EXPECT_THAT(e.what(), ::testing::HasSubstr("own bytes came back"));
+  }
+  peer.answers = {kReadRequest};
+  try {
+    read();
+    FAIL() << "answered by its own bytes";
+  } catch (const TimeoutError& e) {
+    EXPECT_THAT(e.what(), ::testing::HasSubstr("own bytes came back"));
+  }
+}
+
+TEST_F(Modbus, SaysThatWhatMayBeAskedAgainWasMetByABusyPeer) {
+  using Repeat = ModbusMaster::Repeat;
+  for (const char* busy : {"0184058303", "018406C302"}) {
+    peer.answers = {bytes(busy)};
+    EXPECT_THROW(read(), BusyError) << busy;
+  }
+  const std::array<std::uint16_t, 2> words{1, 2};
+  peer.answers = {bytes("018606C262"), bytes("019006CC02")};
+  EXPECT_THROW(master.write_register(1, 0x756C, 0x55, Repeat::kAllowed), BusyError);
+  EXPECT_THROW(master.write_registers(1, 0x756C, words, Repeat::kAllowed), BusyError);
+  // The opcode of a motion may not be said again, and 06 may be the device's own word.
+  peer.answers = {bytes("018606C262"), bytes("019006CC02")};
+  EXPECT_THROW(master.write_register(1, 0x756C, 0x55), ModbusException);
+  EXPECT_THROW(master.write_registers(1, 0x756C, words), ModbusException);
+  peer.answers = {bytes("01840AC307")};
+  EXPECT_THROW(read(), TimeoutError);  // a gateway without a way there
+}
+
+/// Sends noise without pause.
+class FloodingPeer final : public Actor {
+ public:
+  explicit FloodingPeer(Line line) : line_(std::move(line)) {}
+  int descriptor() const override { return line_.descriptor(); }
+  std::optional<Time> next_due() const override { return due_; }
+  void act(Time now) override {
+    std::array<char, 512> buffer;
+    heard += line_.read_available(buffer, now);
+    if (now < due_) return;
+    line_.write_available(std::string(200, '\x01'), now);
+    due_ = now + std::chrono::microseconds{200};
+  }
+  std::size_t heard = 0;
+
+ private:
+  Line line_;
+  Time due_{0};
+};
+
+TEST(ModbusFlood, EveryWaitEndsAtItsDeadlineAndTheRequestIsSent) {
+  ManualClock clock;
+  auto [near, far] = line_pair("bus");
+  FloodingPeer peer(std::move(far));
+  clock.attach(peer);
+  ModbusMaster master(std::move(near), clock, ModbusMaster::Framing::kRtu, std::chrono::seconds{1});
+  EXPECT_THROW(master.read_input(1, 0x753F, 2), ProtocolError);
+  EXPECT_NEAR(seconds(clock.now()), 1.0, 0.1);
+  EXPECT_EQ(peer.heard, 8u);
+  const Time before = clock.now();
+  const ModbusMaster::Urgent urgent(master);
+  EXPECT_THROW(master.write_register(1, 0x756C, 0x55), ProtocolError);
+  EXPECT_EQ(peer.heard, 16u);
+  EXPECT_NEAR(seconds(clock.now() - before), 1.0, 0.1);
+  clock.detach(peer);
 }
 
 class ModbusGateway : public Modbus {
@@ -180,6 +280,25 @@ TEST_F(ModbusGateway, TakesItsWordThatASlaveIsSilent) {
       bytes("000100000003"
             "01840B")};
   EXPECT_THROW(read(), TimeoutError);
+}
+
+TEST_F(ModbusGateway, NamesWhatAGatewayDoesNotRepeat) {
+  const auto message = [&](std::string_view answer) {
+    peer.answers = {bytes(answer)};
+    try {
+      read();
+    } catch (const ProtocolError& e) {
+      return std::string(e.what());
+    }
+    return std::string("taken");
+  };
+  EXPECT_THAT(message("0000000000070104044145851F"),
+              ::testing::HasSubstr("transaction 0 instead of 1"));
+  EXPECT_THAT(message("0002000000070004044145851F"), ::testing::HasSubstr("unit 0 instead of 1"));
+  EXPECT_THAT(message("0003000500070104044145851F"),
+              ::testing::HasSubstr("protocol 5 instead of 0"));
+  const std::string other = message("000400000003010401");
+  EXPECT_THAT(other, ::testing::Not(::testing::HasSubstr("baud")));
 }
 
 }  // namespace

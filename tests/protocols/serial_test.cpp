@@ -1,7 +1,13 @@
 #include "protocols/serial.h"
 
+#include <fcntl.h>
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/file.h>
+#include <sys/wait.h>
 #include <termios.h>
+#include <unistd.h>
 
 #include <array>
 #include <filesystem>
@@ -15,6 +21,7 @@ namespace turntable {
 namespace {
 
 using std::chrono::milliseconds;
+using ::testing::HasSubstr;
 
 TEST(Serial, PassesEveryByteThroughAPtyUnchanged) {
   SystemClock clock;
@@ -28,6 +35,40 @@ TEST(Serial, PassesEveryByteThroughAPtyUnchanged) {
   EXPECT_EQ(got, all);
   pty.master.write("a\r\x03z", clock, clock.now() + milliseconds{1000});
   EXPECT_EQ(read_text(port, clock), "a\r\x03z");
+}
+
+TEST(Serial, NamesTheProgramThatHasThePort) {
+  Pty pty = make_pty();
+  const auto message = [&] {
+    try {
+      open_serial(pty.path, 19200);
+    } catch (const LineError& e) {
+      return std::string(e.what());
+    }
+    return std::string("opened");
+  };
+  {
+    const Line port = open_serial(pty.path, 19200);
+    EXPECT_THAT(message(), HasSubstr("in use by this program itself"));
+  }
+  int told[2];
+  ASSERT_EQ(::pipe(told), 0);
+  const pid_t other = ::fork();
+  if (other == 0) {  // a terminal, as far as the port can tell
+    const int fd = ::open(pty.path.c_str(), O_RDWR | O_NOCTTY);
+    ::flock(fd, LOCK_EX);
+    ::close(told[1]);
+    ::pause();
+    ::_exit(0);
+  }
+  ::close(told[1]);
+  char byte = 0;
+  EXPECT_EQ(::read(told[0], &byte, 1), 0);  // closed once the lock is held
+  EXPECT_THAT(message(), HasSubstr("in use by process " + std::to_string(other)));
+  ::kill(other, SIGKILL);
+  ::waitpid(other, nullptr, 0);
+  ::close(told[0]);
+  EXPECT_EQ(message(), "opened");
 }
 
 TEST(Serial, FollowsASymbolicLink) {
