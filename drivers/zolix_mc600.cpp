@@ -107,8 +107,7 @@ class Mc600 final : public AxisController {
 
 Mc600::Mc600(ControllerSetup setup)
     : AxisController(setup),
-      dialog_(line(), clock(),
-              [this](std::string_view line) { return take_completion(line); }),
+      dialog_(line(), clock(), [this](std::string_view line) { return take_completion(line); }),
       tasks_(channels().size()) {
   require_letters(kChannels);
   require_outputs(true);
@@ -138,6 +137,7 @@ void Mc600::refused(const std::string& who, const std::string& command, std::str
 std::string Mc600::ask(const std::string& command, const AsciiDialog::Predicate& accept) {
   const auto guard = lock();
   if (!dialog_.in_step() && !gives_way()) dialog_.resync(kQuiet, kResync);
+  dialog_.hear_out([this] { return gives_way(); });
   return dialog_.ask(command, reply_timeout(), accept, [this] { return gives_way(); });
 }
 

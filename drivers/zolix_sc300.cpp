@@ -20,6 +20,7 @@ using std::chrono::milliseconds;
 
 constexpr Time kQuiet = milliseconds{50};
 constexpr Time kResync = milliseconds{300};
+constexpr Time kListen = milliseconds{10};
 constexpr Time kIdentify = milliseconds{500};
 constexpr Time kRefusal = milliseconds{30};  // within which a motion is refused, if it is
 constexpr int kDoubt = 2;        // reply timeouts for which a late answer is still expected
@@ -93,6 +94,8 @@ class Sc300 final : public AxisController {
     bool answered = false;            ///< by a controller that does not while anything moves
     std::optional<std::string> refusal{};
     std::optional<Steps> seen{};  ///< the counter, first
+    std::optional<Steps> last{};  ///< and last
+    bool still = false;           ///< it was the same twice
     bool moved = false;           ///< it has been seen elsewhere since
   };
   struct State {
@@ -130,6 +133,7 @@ class Sc300 final : public AxisController {
   bool take_line(std::string_view line);
   void resync();
   void take_counter(const Channel& channel, std::optional<Steps> counter);
+  void listen_for_report(const State& state);
   bool hidden(const State& state) const;
   [[noreturn]] static void refused(const std::string& who, const std::string& command,
                                    std::string_view reply);
@@ -146,14 +150,14 @@ class Sc300 final : public AxisController {
   std::vector<State> states_;  ///< by channel
   std::optional<std::size_t> last_started_;
   Time resync_at_{0};  ///< the last one
+  Time latency_{0};    ///< the longest that an answer has taken
   Waiting waiting_ = Waiting::kNot;
   std::optional<std::size_t> counter_of_;  ///< what is awaited may be the counter of this channel
 };
 
 Sc300::Sc300(ControllerSetup setup)
     : AxisController(setup),
-      dialog_(line(), clock(),
-              [this](std::string_view line) { return take_line(line); }),
+      dialog_(line(), clock(), [this](std::string_view line) { return take_line(line); }),
       states_(channels().size()) {
   require_letters(kChannels);
   require_outputs(true);
@@ -217,6 +221,22 @@ void Sc300::resync() {
                  [this] { return gives_way(); });
 }
 
+/// The report of an end may have come between a question and its answer, and been taken for that.
+/// If each answer then comes after the next question, they are one behind for ever. So an axis that
+/// has come to rest is asked no more until the answer that is left over has had time to come.
+void Sc300::listen_for_report(const State& s) {
+  const Time end = clock().now() + latency_ + kQuiet;
+  while (clock().now() < end) {
+    {
+      const auto guard = lock();
+      if (gives_way()) return;
+      dialog_.pump();
+      if (!s.task || s.task->reported || s.task->refusal) return;
+    }
+    clock().sleep_for(std::min(kListen, end - clock().now()));
+  }
+}
+
 /// Whether a controller that does not answer while it moves is believed to move this axis.
 bool Sc300::hidden(const State& s) const {
   return !config().answers_while_moving && s.task && !s.task->answered && !s.task->reported &&
@@ -235,11 +255,15 @@ std::string Sc300::ask(const std::string& command, const AsciiDialog::Predicate&
                        std::optional<std::size_t> counter_of) {
   const auto guard = lock();
   if (!dialog_.in_step() && !gives_way()) resync();
-  dialog_.pump();
+  dialog_.hear_out([this] { return gives_way(); });
   if (counter_of) states_[*counter_of].questions.push_back(clock().now());
   const Awaiting awaiting(*this, Waiting::kForAnswer, counter_of);
   try {
-    return dialog_.ask(command, reply_timeout(), accept, [this] { return gives_way(); });
+    const Time sent = clock().now();
+    std::string reply =
+        dialog_.ask(command, reply_timeout(), accept, [this] { return gives_way(); });
+    latency_ = std::max(latency_, clock().now() - sent);
+    return reply;
   } catch (const Error&) {
     if (counter_of) states_[*counter_of].in_doubt_until = clock().now() + kDoubt * reply_timeout();
     throw;
@@ -277,6 +301,8 @@ Steps Sc300::counter(const Channel& channel, Time deadline) {
   if (s.task) {
     s.task->answered = !config().answers_while_moving;
     s.task->moved |= s.task->seen && s.task->seen != s.at_rest;
+    s.task->still = s.task->last == s.at_rest;
+    s.task->last = s.at_rest;
     if (!s.task->seen) s.task->seen = s.at_rest;
   }
   return *s.at_rest;
@@ -360,6 +386,7 @@ bool Sc300::free(const Channel&) {
 AxisStatus<Steps> Sc300::status(const Channel& channel, Time deadline) {
   State& s = state(channel);
   AxisStatus<Steps> status;
+  bool at_rest = false;
   {
     const auto guard = lock();
     dialog_.pump();
@@ -377,7 +404,9 @@ AxisStatus<Steps> Sc300::status(const Channel& channel, Time deadline) {
       status.position = s.at_rest;
       return status;
     }
+    at_rest = s.task && s.task->still && !s.task->stopped && !s.task->reported;
   }
+  if (at_rest) listen_for_report(s);
   try {
     status.position = counter(channel, deadline);
   } catch (const GaveWay&) {

@@ -13,7 +13,8 @@ namespace {
 
 constexpr Time kSlice = std::chrono::milliseconds{20};
 constexpr std::size_t kMostPumped = 64 * 1024;  // a line that is flooded is never empty
-constexpr std::size_t kEchoes = 8;              ///< that may still be on their way
+constexpr Time kLineRest = std::chrono::milliseconds{100};
+constexpr std::size_t kEchoes = 8;  ///< that may still be on their way
 
 bool blank(char c) { return c == ' ' || c == '\t'; }
 
@@ -71,6 +72,7 @@ std::size_t AsciiDialog::read_pending() {
 
 std::optional<std::string> AsciiDialog::next_line() {
   for (;;) {
+    if (pending_.starts_with('\n')) pending_.erase(0, 1);  // of the line before
     const std::size_t end = pending_.find('\r');
     if (end == std::string::npos) {
       if (pending_.size() > kLongestLine) {
@@ -109,6 +111,15 @@ void AsciiDialog::pump() {
   }
   while (next_line()) {
   }
+}
+
+void AsciiDialog::hear_out(const std::function<bool()>& give_way) {
+  pump();
+  const Time end = clock_->now() + kLineRest;
+  while (!pending_.empty() && pending_.size() != heard_out_ && clock_->now() < end && !give_way()) {
+    if (clock_->wait_readable(line().descriptor(), std::min(end, clock_->now() + kSlice))) pump();
+  }
+  heard_out_ = pending_.size();
 }
 
 /// Ends what was half said; a command that was cut off must not be carried out as it stands.

@@ -46,6 +46,10 @@ class AsciiDialog {
   void tell(std::string_view command, Time timeout);
   /// Deals with what has arrived by itself, 64 KiB at most, without waiting. @throws LineError.
   void pump();
+  /// The same, and lets a line that is half here arrive, for a tenth of a second at most: the echo of
+  /// what is said now would end up in the middle of it.
+  /// @param give_way as in `ask`. @throws LineError.
+  void hear_out(const std::function<bool()>& give_way);
   /// Ends a half-sent command so that it is not carried out, then discards answers until the line
   /// has been quiet for `quiet`, at most `at_most`. Unsolicited lines are still dealt with.
   /// @param answer where a lone CR is answered: quiet does not count before that answer has come.
@@ -74,8 +78,9 @@ class AsciiDialog {
   unsigned opened_;  ///< the line's count of openings, as last seen
   Clock* clock_;
   Predicate unsolicited_;
-  std::string pending_;    ///< bytes not yet made into lines
-  bool overlong_ = false;  ///< inside a line that is too long: dropping until CR
+  std::string pending_;        ///< bytes not yet made into lines
+  std::size_t heard_out_ = 0;  ///< of them, whose end was waited for in vain
+  bool overlong_ = false;      ///< inside a line that is too long: dropping until CR
   bool drops_echo_ = false;
   std::deque<std::string> sent_;  ///< the last commands that no echo has come of
   bool in_step_ = true;

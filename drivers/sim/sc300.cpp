@@ -37,9 +37,9 @@ std::int64_t whole(std::string_view text) {
   return value;
 }
 
-std::int64_t positive(std::string_view text) {
+std::int64_t at_least(std::int64_t least, std::string_view text) {
   const std::int64_t value = whole(text);
-  if (value <= 0 || value > kLargest) throw Refused{kNotNow};
+  if (value < least || value > kLargest) throw Refused{kNotNow};
   return value;
 }
 
@@ -58,6 +58,13 @@ struct Channel {
     return {static_cast<double>(initial_speed) * per_pulse,
             static_cast<double>(top_speed) * per_pulse,
             static_cast<double>(acceleration) * per_pulse};
+  }
+  /// Guess: there is no home speed, so the top speed it is, and the initial one for the last bit, or a
+  /// tenth where that is 0.
+  Ramp home_ramp() const {
+    Ramp ramp = this->ramp();
+    if (ramp.initial_speed == 0) ramp.initial_speed = 0.1 * ramp.speed;
+    return ramp;
   }
   std::int64_t counter(Time now) const {
     return std::llround(axis.counter_position(now) / axis.per_step());
@@ -236,11 +243,11 @@ std::string Sc300::answer(const std::string& command, const Request& request, Ti
     if (has_value != (request.kind == "move")) throw Refused{kUnknown};
     if (request.kind == "move" && !value.empty() && value[0] == '-')
       throw Refused{kUnknown};  // the sign is the command
-    const std::int64_t way = request.kind == "move" ? positive(value) : 0;
+    const std::int64_t way = request.kind == "move" ? at_least(1, value) : 0;
     Channel& c = idle_channel(verb[1], now);
     if (emergency_stop() || alarm(c.axis.config().id)) throw Refused{kNoDrive};
     if (request.kind == "home")
-      c.axis.home(now, c.ramp());  // guess: there is no home speed, so the top speed it is
+      c.axis.home(now, c.home_ramp());
     else
       begin_move(c, verb[0] == '-' ? -way : way, now);
     c.answer_due = true;
@@ -255,7 +262,7 @@ std::string Sc300::answer(const std::string& command, const Request& request, Ti
     throw Refused{kUnknown};
   };
   if (has_value) {
-    const std::int64_t pulses = positive(value);
+    const std::int64_t pulses = at_least(verb[0] == 'F' ? 0 : 1, value);  // "FX,0" is used
     reg(idle_channel(verb[1], now), verb[0]) = pulses;
     return "OK\r";
   }

@@ -9,6 +9,7 @@
 #include "drivers/catalog.h"
 #include "drivers/sim/bus.h"
 #include "drivers/sim/catalog.h"
+#include "src/core/errors.h"
 #include "src/core/interrupt.h"
 #include "tests/support/axis_configs.h"
 #include "tests/support/draws.h"

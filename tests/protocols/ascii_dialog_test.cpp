@@ -194,6 +194,20 @@ TEST_F(AsciiDialogTest, AnEchoIsNoAnswerWhereThatIsSaid) {
   EXPECT_EQ(dialog.ask("b", milliseconds{100}, [](std::string_view) { return true; }), "=a");
 }
 
+TEST_F(AsciiDialogTest, HearsALineOutThatIsHalfHere) {
+  const auto patient = [] { return false; };
+  peer.on("go", {{{}, "!do"}, {milliseconds{60}, "ne\r"}});
+  dialog.tell("go", milliseconds{100});
+  clock.sleep_for(milliseconds{1});
+  dialog.hear_out(patient);
+  EXPECT_EQ(unsolicited, std::vector<std::string>{"!done"});
+  EXPECT_EQ(clock.now(), milliseconds{60});
+  peer.say("noise");
+  clock.sleep_for(milliseconds{1});
+  for (int i = 0; i < 3; ++i) dialog.hear_out(patient);  // waited for once
+  EXPECT_EQ(clock.now(), milliseconds{161});
+}
+
 TEST_F(AsciiDialogTest, BlanksAroundALineAreNotPartOfIt) {
   peer.on("a", {{{}, " \t=1 \r"}});
   EXPECT_EQ(ask("a"), "=1");

@@ -73,6 +73,25 @@ TEST_F(Mc600, AnswersAMoveTwice) {
   EXPECT_EQ(after(seconds{5}), "Y -4.99875,OK\r");
 }
 
+TEST_F(Mc600, AWayBackAfterHomingShiftsItsZeroUnseen) {
+  EXPECT_EQ(say("SetOffset Y,1.5"), "OK\r");
+  EXPECT_EQ(say("SetOffset? Y"), "SETOFFSET? Y,1.5,OK\r");
+  EXPECT_EQ(say("GoHome Y"), "READY\r");
+  EXPECT_EQ(after(seconds{60}), "Y 0,OK\r");
+  EXPECT_EQ(say("Position? Y"), "POSITION? Y,0,OK\r");
+  EXPECT_NEAR(device->axis(AxisId::kYaw).true_position(clock.now()), 1.5, 1e-9);
+}
+
+TEST_F(Mc600, KnowsWhatItsSistersKnow) {
+  EXPECT_EQ(say("SetStageWorkState Y,C"), "OK\r");
+  EXPECT_EQ(say("SetStageWorkState? Y"), "SETSTAGEWORKSTATE? Y,C,OK\r");
+  EXPECT_EQ(say("SetDriveRat Y,90"), "OK\r");
+  EXPECT_EQ(say("SetStageDriveRat? Y"), "SETSTAGEDRIVERAT? Y,90,OK\r");
+  EXPECT_EQ(say("SetUserOrigin Y,2"), "OK\r");
+  EXPECT_EQ(say("SetUserOrigin? Y"), "SETUSERORIGIN? Y,2,OK\r");
+  EXPECT_EQ(say("SetOrigin? Y"), "SETORIGIN? Y,P,OK\r");
+}
+
 TEST_F(Mc600, EndsEvenAMoveOfNoLength) {
   EXPECT_EQ(say("GoPosition Y,O,A,P,0"), "READY\rY 0,OK\r");
 }
