@@ -9,8 +9,10 @@
 #include <array>
 #include <atomic>
 #include <cerrno>
+#include <csignal>
 #include <cstddef>
 #include <cstring>
+#include <fstream>
 #include <functional>
 #include <optional>
 #include <set>
@@ -120,6 +122,25 @@ std::string heard(int fd, milliseconds wait) {
   return text.substr(0, text.find('\n'));
 }
 
+/// A holder that somebody has suspended (Ctrl-Z, SIGSTOP, a debugger) hears nothing, and his axes move on.
+/// @return what to do where he cannot be woken from here; empty otherwise.
+std::string wake(int fd) {
+  ucred holder{};
+  socklen_t size = sizeof holder;
+  if (::getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &holder, &size) != 0 || holder.pid <= 0) return {};
+  std::ifstream stat(fmt::format("/proc/{}/stat", holder.pid));
+  std::string text;
+  std::getline(stat, text);
+  const std::size_t name_end = text.rfind(')');  // the name may hold anything
+  if (name_end == text.npos || text.size() < name_end + 3) return {};
+  const char state = text[name_end + 2];
+  if ((state != 'T' && state != 't') || ::kill(holder.pid, SIGCONT) == 0) return {};
+  return fmt::format(
+      " It is suspended, and only its own user or root may wake it: \"kill -CONT {}\" lets it "
+      "stop.",
+      holder.pid);
+}
+
 std::string answer_of(int fd) {
   const std::string who = heard(fd, milliseconds{1000});
   return who.empty() ? "a process that does not answer" : who;
@@ -221,6 +242,7 @@ StopOrder::StopOrder(const LineConfig& line) {
   const std::string id = line_id(line);
   auto fd = id.empty() ? std::nullopt : call(id, "stop\n");
   if (!fd) return;
+  asleep_ = wake(fd->get());
   holder_ = LineHolder{id, answer_of(fd->get())};
   auto owner = std::make_shared<Descriptor>(std::move(*fd));
   connection_ = std::shared_ptr<int>(owner, owner->address());
@@ -228,7 +250,8 @@ StopOrder::StopOrder(const LineConfig& line) {
 
 std::optional<LineHolder> StopOrder::wait(milliseconds timeout) const {
   if (!holder_) return std::nullopt;
-  if (*connection_ < 0) throw NotStopped(fmt::format("{} has {}.", holder_->who, holder_->line));
+  if (*connection_ < 0 || !asleep_.empty())
+    throw NotStopped(fmt::format("{} has {}.{}", holder_->who, holder_->line, asleep_));
   const auto end = steady_clock::now() + timeout;
   for (char byte = 0;;) {
     const auto left = std::chrono::duration_cast<milliseconds>(end - steady_clock::now());

@@ -53,7 +53,8 @@ std::optional<std::string> tell_run(const std::filesystem::path& run, const std:
 /// An order to stop, to whoever has a line.
 class StopOrder {
  public:
-  /// Gives it. To nobody if the line is free.
+  /// Gives it, and wakes a holder that was suspended, as far as this user may. To nobody if the line is
+  /// free.
   explicit StopOrder(const LineConfig& line);
   /// Waits until he has let go, which is after his axes have been stopped. @return who it was; nothing
   /// if the line was free. @throws NotStopped if he still holds on, or does not answer.
@@ -61,6 +62,7 @@ class StopOrder {
 
  private:
   std::optional<LineHolder> holder_;
+  std::string asleep_;               ///< why he cannot be woken; empty = he is awake
   std::shared_ptr<int> connection_;  ///< -1 if he does not answer
 };
 

@@ -41,7 +41,8 @@ class ServedRig : public ::testing::Test {
         std::make_unique<BackgroundProgram>("simulate " + file.string() + " --speed 4 --links " +
                                                 folder.path().string() + " " + options,
                                             folder / "server.log");
-    ASSERT_TRUE(server->prints(lines.back() == "pty" ? "/dev/pts/" : "127.0.0.1:"))
+    ASSERT_TRUE(server->prints(lines.back().find("port\": 1") == std::string::npos ? "/dev/pts/"
+                                                                                   : "127.0.0.1:"))
         << server->output();
   }
   Outcome rig(const std::string& verb, const std::string& more = "") {
@@ -132,6 +133,44 @@ TEST_F(ServedRig, RefusesASecondMoverAndCanBeStoppedFromAnotherProcess) {
   EXPECT_THAT(o.output, HasSubstr("all axes stand"));
   EXPECT_EQ(campaign.ended(), 130);
   EXPECT_THAT(slurp(folder / "run/journal.jsonl"), HasSubstr("\"exit_status\":\"abort\""));
+}
+
+TEST_F(ServedRig, SharesALineBetweenTwoControllersAlsoWhileItIsStopped) {
+  const std::string line = R"({"serial": {"port": ")" + (folder / "mc1").string() + "\"}}";
+  serve("two_zc300", {line, line + R"(, "address": 2)"});
+  Outcome o = rig("home");
+  ASSERT_EQ(o.code, 0) << o.output;
+  BackgroundProgram mover("move stage 150 yaw -80 roll -40 pitch -40 --homed --rig " +
+                              file.string() + " --speed 4 --wire-log " +
+                              (folder / "wire.log").string(),
+                          folder / "move.log");
+  const std::string last_told = "mc1+mc2 > 02 10 75 61 00 03 06 00 64 00 32";  // pitch, on mc2
+  for (int i = 0; i < 1000 && slurp(folder / "wire.log").find(last_told) == std::string::npos; ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds{10});
+  mover.signal(SIGINT);
+  EXPECT_EQ(mover.ended(), 130) << mover.output();
+  EXPECT_THAT(mover.output(), Not(HasSubstr("EMERGENCY")));
+  o = rig("stop");
+  EXPECT_EQ(o.code, 0) << o.output;
+  EXPECT_THAT(o.output, HasSubstr("all axes stand"));
+}
+
+TEST_F(ServedRig, WakesASuspendedMoverToStopIt) {
+  serve("simulated", {"pty"});
+  ASSERT_EQ(rig("home stage").code, 0);
+  BackgroundProgram mover("move stage 190 --homed --rig " + file.string() +
+                              " --speed 4 --wire-log " + (folder / "wire.log").string(),
+                          folder / "move.log");
+  for (int i = 0; i < 1000 && slurp(folder / "wire.log").find("GoPosition") == std::string::npos;
+       ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds{10});
+  mover.signal(SIGSTOP);
+  const Outcome o = rig("stop");
+  EXPECT_EQ(o.code, 0) << o.output;
+  EXPECT_THAT(o.output, HasSubstr("was told to stop and has let go"));
+  EXPECT_THAT(o.output, HasSubstr("all axes stand"));
+  EXPECT_THAT(o.output, Not(HasSubstr("stage     190.00000")));
+  EXPECT_EQ(mover.ended(), 130);
 }
 
 TEST_F(ServedRig, IsFreeAgainAfterAMoverIsKilled) {
