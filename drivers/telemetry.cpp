@@ -112,8 +112,10 @@ class Registers {
  private:
   void open() {
     const bool tcp = config_.kind == LineConfig::Kind::kModbusTcp;
+    const SharedLine line(open_instrument(config_));
+    if (!tcp) line.want_silence(rtu_silence(config_.baud != 0 ? config_.baud : kDefaultBaud));
     master_ = std::make_unique<ModbusMaster>(
-        open_instrument(config_), clock_,
+        line, clock_,
         tcp ? ModbusMaster::Framing::kTcp : ModbusMaster::Framing::kRtu, timeout_);
   }
   LineConfig config_;

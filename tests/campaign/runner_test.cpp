@@ -90,6 +90,17 @@ class RunnerTest : public ::testing::Test {
   std::optional<RunFolder> folder;
 };
 
+TEST_F(RunnerTest, KeepsTheLinesAliveWhileAPoseDwells) {
+  std::string slow = kMotion;
+  slow.replace(slow.find("\"dwell_ms\": 100"), 15, "\"dwell_ms\": 30000");
+  campaign.scenarios = {parse_scenario(slow, "m.json")};
+  plan = plan_campaign(campaign, rig_file);
+  std::vector<Time> kept;
+  fake.rig.keep_alive = [&] { kept.push_back(fake.clock.now()); };
+  EXPECT_EQ(run().poses, 6u);
+  EXPECT_GE(kept.size(), 6u * 29u);  // a server that closes after 2 s would never see the line idle
+}
+
 TEST_F(RunnerTest, TakesEveryPoseInThePlansOrder) {
   const AcquireSummary summary = run();
   EXPECT_EQ(summary.poses, 9u);
