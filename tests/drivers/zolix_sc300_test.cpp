@@ -474,7 +474,12 @@ TEST_P(ZolixSc300, StopFromAnotherThreadHaltsAndNothingStartsAfterIt) {
     std::thread other;
     rig.wire.on_sent = [&](std::string_view, Time) {
       if (++sent != nth) return;
-      other = std::thread([&] { rig.yaw().stop(); });
+      std::atomic<bool> begun{false};
+      other = std::thread([&] {
+        begun = true;
+        rig.yaw().stop();
+      });
+      while (!begun) std::this_thread::yield();
       std::this_thread::sleep_for(milliseconds{10});
     };
     bool stopped = false;
