@@ -30,6 +30,13 @@ constexpr std::uint16_t kTrigger = 0x6002;
 constexpr std::uint16_t kStopRamp = 0x6017;
 constexpr std::uint16_t kPosition = 0x602A;
 constexpr std::uint16_t kPath0 = 0x6200;
+constexpr std::uint16_t kInputFunctions = 0x0144;  // seven of two words, the high one first
+constexpr std::uint16_t kInputs = 0x0179;
+constexpr std::uint16_t kWarning = 0x601D;
+constexpr int kInputCount = 7;
+
+// Functions of an input, but for bit 7: normally closed.
+constexpr unsigned kUpperLimit = 0x25, kLowerLimit = 0x26, kHomeSwitch = 0x27;
 
 // Bits of kStatus.
 constexpr unsigned kFault = 1u << 0u;
@@ -57,7 +64,8 @@ std::string_view exception_meaning(int code) {
     case 0x01:
       return "it does not know this function";
     case 0x02:
-      return "it has no such register";
+      return "it has no such register. This program needs a drive with PR paths; \"CL57RS\", for "
+             "one, is two products with two register maps";
     case 0x03:
       return "it does not allow this value";
     case 0x04:
@@ -121,6 +129,8 @@ struct Drive {
   Time seen_at{0};                ///< when its position was last read
   bool home_begun = false;        ///< its home-done bit is no longer of an earlier time
   std::optional<Time> home_said;  ///< since when it says that it is at rest and homed
+  std::optional<Steps> goal;      ///< of the path that it runs, unless it was stopped
+  bool ran = false;               ///< has been seen on the way there
 };
 
 /// A whole number for a register. `exact` is what `value` (`key` of the rig file, in `unit`) comes
@@ -221,7 +231,7 @@ class LeadshinePr final : public AxisController {
  private:
   Drive& drive(const Channel& channel) { return drives_[channel.index]; }
   template <class Who, class What, class F>
-  auto said(Who&& who, What&& what, F&& exchange);
+  auto said(Who&& who, What&& what, F&& exchange, bool again = true);
   Words read(const Channel& channel, std::uint16_t address, int words, Time deadline = Time::max());
   void write(const std::string& who, int slave, std::uint16_t address,
              std::span<const std::uint16_t> values);
@@ -231,6 +241,10 @@ class LeadshinePr final : public AxisController {
   Acknowledgement trigger(const Channel& channel, std::uint16_t value);
   std::vector<std::string> compared(const Channel& channel);
   bool referenced(const Channel& channel);
+  bool halted_short(const Channel& channel, Steps position, bool home_done);
+  std::optional<Words> read_if_known(const Channel& channel, std::uint16_t address, int words);
+  std::string inputs_told(const Channel& channel);
+  std::string limit_told(const Channel& channel);
 
   ModbusMaster master_;
   std::vector<Drive> drives_;  ///< by channel
@@ -250,8 +264,9 @@ LeadshinePr::LeadshinePr(ControllerSetup setup)
 
 /// Gives a refusal the name of what was refused; a request that arrived spoilt may be said again.
 /// @param who, what make the words for it; polling must not make words that nobody reads.
+/// @param again whether the exchange is one that may be repeated.
 template <class Who, class What, class F>
-auto LeadshinePr::said(Who&& who, What&& what, F&& exchange) {
+auto LeadshinePr::said(Who&& who, What&& what, F&& exchange, bool again) {
   const auto guard = lock();
   try {
     return exchange();
@@ -259,7 +274,7 @@ auto LeadshinePr::said(Who&& who, What&& what, F&& exchange) {
     const std::string message =
         fmt::format("{}: {} was refused with exception {:02X}: {}.", who(), what(), refusal.code(),
                     exception_meaning(refusal.code()));
-    if (refusal.code() == kBadCrc) throw ProtocolError(message);
+    if (refusal.code() == kBadCrc && again) throw ProtocolError(message);
     throw DeviceError(message);
   }
 }
@@ -295,7 +310,7 @@ Acknowledgement LeadshinePr::trigger(const Channel& channel, std::uint16_t value
   try {
     said([&] { return where(channel); },
          [&] { return fmt::format("writing 0x{:04X} to register 0x{:04X}", value, kTrigger); },
-         [&] { master_.write_register(drive(channel).slave, kTrigger, value); });
+         [&] { master_.write_register(drive(channel).slave, kTrigger, value); }, false);
     return Acknowledgement::kReceived;
   } catch (const TimeoutError&) {
     return Acknowledgement::kLost;
@@ -337,6 +352,15 @@ std::string LeadshinePr::observe(std::vector<std::string>& differences) {
     if (const int alarm = read(channel, kAlarm, 1)[0]; alarm != 0)
       alarms += fmt::format("; slave {} has alarm 0x{:04X} ({})", drive(channel).slave, alarm,
                             alarm_meaning(alarm));
+    const auto functions = read_if_known(channel, kInputFunctions, 2 * kInputCount);
+    if (functions && std::ranges::none_of(*functions, [](std::uint16_t word) {
+          return (word & 0x7Fu) == kHomeSwitch;
+        }))
+      alarms += fmt::format(
+          "; slave {} has no input that is set up as the home switch (0x27 in one of the registers "
+          "0x0145 to 0x0151, which counts after saving and switching off and on), so that homing "
+          "would not find it",
+          drive(channel).slave);
   }
   return slaves + alarms;
 }
@@ -369,6 +393,8 @@ Acknowledgement LeadshinePr::start_move(const Channel& channel, Steps, Steps to)
                       "what it is told, so nothing was moved. Check for another master on the bus.",
                       where(channel), kPath0 + i, block[i], kept[i]));
   require_no_stop(channel);
+  drive(channel).goal = to;
+  drive(channel).ran = false;
   return trigger(channel, kRunPath0);
 }
 
@@ -381,6 +407,8 @@ Acknowledgement LeadshinePr::start_home(const Channel& channel) {
   require_no_stop(channel);
   Drive& d = drive(channel);
   d.homing = true;
+  d.goal.reset();
+  d.ran = false;
   d.home_said.reset();
   const Acknowledgement acknowledged = trigger(channel, kHome);
   d.home_begun = acknowledged == Acknowledgement::kReceived;
@@ -391,6 +419,64 @@ Acknowledgement LeadshinePr::start_home(const Channel& channel) {
 bool LeadshinePr::referenced(const Channel& channel) {
   if (const auto* axis = linear_axis(channel.config.id)) return axis->homed();
   return rotary_axis(channel.config.id)->homed();
+}
+
+/// Nothing where the drive has no such register; some of the relatives lack those that only explain.
+std::optional<Words> LeadshinePr::read_if_known(const Channel& channel, std::uint16_t address,
+                                                int words) {
+  try {
+    return read(channel, address, words);
+  } catch (const DeviceError&) {
+    return std::nullopt;
+  }
+}
+
+/// Whether the last path or homing has come to an end elsewhere, and not by a stop of ours. True
+/// once.
+bool LeadshinePr::halted_short(const Channel& channel, Steps position, bool home_done) {
+  const auto guard = lock();
+  Drive& d = drive(channel);
+  if (!d.ran || (d.homing ? home_done : !d.goal || position == *d.goal)) return false;
+  d.goal.reset();
+  d.ran = false;
+  return true;
+}
+
+/// What the drive itself says of a halt short of the goal; empty if it is nothing.
+std::string LeadshinePr::limit_told(const Channel& channel) {
+  const auto warning = read_if_known(channel, kWarning, 1);
+  if (!warning) return {};
+  const int word = warning->front();
+  const std::string place = fmt::format("(warning 0x{:04X} in register 0x{:04X}{})", word, kWarning,
+                                        inputs_told(channel));
+  if (word >= 0x0200 && word <= 0x020F)
+    return fmt::format(
+        "the drive says that it met a limit switch on the way {}. Find out why it came there "
+        "within "
+        "its soft limits. It stands",
+        place);
+  if (word == 0x0100 || word == 0x0102)
+    return fmt::format(
+        "the drive says that its homing failed, at a limit switch perhaps {}. Check the home "
+        "switch. It stands",
+        place);
+  return {};
+}
+
+/// "; input 3, set up as the upper limit switch, is on". That the bits are the inputs in their order
+/// is what one other program goes by; whether a normally closed one is inverted nobody says.
+std::string LeadshinePr::inputs_told(const Channel& channel) {
+  const auto functions = read_if_known(channel, kInputFunctions, 2 * kInputCount);
+  const auto inputs = read_if_known(channel, kInputs, 1);
+  std::string told;
+  for (int i = 0; functions && inputs && i < kInputCount; ++i) {
+    const unsigned function = (*functions)[static_cast<std::size_t>(2 * i + 1)] & 0x7Fu;
+    const bool on = ((inputs->front() >> static_cast<unsigned>(i)) & 1u) != 0;
+    if (function == kUpperLimit || function == kLowerLimit)
+      told += fmt::format("; input {}, set up as the {} limit switch, reads {}", i + 1,
+                          function == kUpperLimit ? "upper" : "lower", on ? "on" : "off");
+  }
+  return told;
 }
 
 AxisStatus<Steps> LeadshinePr::status(const Channel& channel, Time deadline) {
@@ -420,9 +506,12 @@ AxisStatus<Steps> LeadshinePr::status(const Channel& channel, Time deadline) {
     status.fault =
         "the drive was switched off and on again, or another master has used it: it no longer says "
         "that it has been homed. It counts itself";
+  } else if (!running && halted_short(channel, *status.position, home_done)) {
+    status.fault = limit_told(channel);
   }
   const auto guard = lock();
   Drive& d = drive(channel);
+  d.ran |= running;
   d.home_begun = d.home_begun || running || !home_done;
   // Some may say so at the switch already, before they go on to the stop position.
   if (!home_done || running || !d.home_begun)
@@ -442,6 +531,8 @@ bool LeadshinePr::may_be_homed(const Channel& channel) {
 
 void LeadshinePr::send_stop(const Channel& channel, bool immediate) {
   const ModbusMaster::Urgent urgent(master_);
+  drive(channel).goal.reset();
+  drive(channel).ran = false;
   if (!immediate) return write(channel, kTrigger, kStop);
   Attempts tried;
   tried([&] { write(channel, kStopRamp, 0); });  // else it halts as slowly as before

@@ -7,9 +7,9 @@
 //   state  0x1003 (fault, enabled, running, done bits), then the position 0x602A/2B in pulses
 //
 // The drive knows whole rpm and whole ms per 1000 rpm only: a speed or an acceleration that this
-// would change by more than 2 % is refused. It shows no limit switches: a limit is seen as a halt
-// short of the goal. Its set-up may be gone after a power cycle, so it is compared again before
-// each homing. Sources: protocols/README.md.
+// would change by more than 2 % is refused. A limit switch is seen as a halt short of the goal, with
+// a warning in 0x601D where the drive has that register. Its set-up may be gone after a power cycle,
+// so it is compared again before each homing. Sources: protocols/README.md.
 #pragma once
 
 #include <memory>

@@ -95,6 +95,10 @@ Words rig_words(const AxisConfig& axis, int slave) {
   const std::uint16_t ramp = to_word(1e6 / (axis.acceleration * rpm));
   const std::uint16_t fast = to_word(axis.home_speed * rpm);
   words[0x0001] = static_cast<std::uint16_t>(axis.steps_per_rev);
+  words[0x0145] = 0x88;  // enable, normally closed, as from the factory
+  words[0x0147] = 0x25;
+  words[0x0149] = 0x26;
+  words[0x014B] = 0x27;
   words[0x6000] = 0x0002;
   put(words, 0x6006, std::llround(axis.upper / axis.per_step()));
   put(words, 0x6008, std::llround(axis.lower / axis.per_step()));

@@ -7,6 +7,7 @@
 
 #include "drivers/motion.h"
 #include "src/core/errors.h"
+#include "tests/support/message_of.h"
 #include "tests/support/simulated_leadshine.h"
 
 namespace turntable {
@@ -199,11 +200,22 @@ TEST_P(LeadshineFaults, AnEmergencyStopIsAnAlarmOfEveryDrive) {
   expect_recovery();
 }
 
-TEST_P(LeadshineFaults, ALimitSwitchIsAHaltShortOfTheGoal) {
+TEST_P(LeadshineFaults, ALimitSwitchIsNamedByTheDrivesWarningAndItsInput) {
   rig.fault({.kind = FaultKind::kLimitHit, .verb = kRun, .delay_s = 0.3});
   EXPECT_THAT(fails_to_move<DeviceError>(),
-              AllOf(HasSubstr("instead of 9.5 deg"), HasSubstr("limit switch")));
+              AllOf(HasSubstr("met a limit switch"), HasSubstr("warning 0x0200"),
+                    HasSubstr("input 2, set up as the upper limit switch, reads on"),
+                    HasSubstr("input 3, set up as the lower limit switch, reads off")));
   expect_recovery();
+}
+
+TEST_P(LeadshineFaults, AHomingThatEndsAtALimitSwitchSaysSo) {
+  rig.move(rig.yaw(), 5);
+  rig.fault({.kind = FaultKind::kLimitHit, .verb = "home", .delay_s = 0.3});
+  EXPECT_THAT(message_of<DeviceError>([&] { rig.yaw().home(); }),
+              AllOf(HasSubstr("homing failed"), HasSubstr("warning 0x0100")));
+  rig.yaw().home();
+  EXPECT_NEAR(rig.move(rig.yaw(), 3).position.value, 3.0, 1e-9);
 }
 
 TEST_P(LeadshineFaults, ALimitSwitchThatRaisesAnAlarmIsNamedByIt) {

@@ -22,6 +22,7 @@ using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
+using ::testing::Not;
 
 std::string hex_of(std::string_view bytes) {
   std::string hex;
@@ -78,6 +79,7 @@ constexpr const char* kReadConfig = "0303600000019be8";
 constexpr const char* kReadLimitsAndHoming = "03036006000d7bec";
 constexpr const char* kReadStopRamps = "0303601600023a2d";
 constexpr const char* kReadAlarm = "0303220300017f90";
+constexpr const char* kReadInputs = "03030144000e8405";
 constexpr const char* kReadStatus = "0303100300017128";
 constexpr const char* kReadPosition = "0303602a0002fa21";
 constexpr const char* kReadPath = "0303620000085a56";
@@ -104,6 +106,8 @@ class LeadshineBytes : public ::testing::Test {
         {kReadLimitsAndHoming, "03031a00005dc0ffffa240000600000000000000000096001e029b029b1ad5"},
         {kReadStopRamps, "030304003201f4782b"},
         {kReadAlarm, "0303020000c184"},
+        // Input 2 is the upper limit switch, 3 the lower one, 4 the home switch.
+        {kReadInputs, "03031c000000880000002500000026000000a70000000000000000000000007b7e"},
         {kReadStatus, "030302007241a1"},
         {kReadPosition, "03030400000000d9f3"},
         // Path 0: absolute, 9476 pulses, 750 rpm, 667 ms per 1000 rpm up and down.
@@ -123,8 +127,18 @@ class LeadshineBytes : public ::testing::Test {
 TEST_F(LeadshineBytes, ConnectingReadsAndChangesNothing) {
   EXPECT_THAT(controller->connect(), IsEmpty());
   EXPECT_THAT(drive.heard, ElementsAre(kReadPulses, kReadEnable, kReadConfig, kReadLimitsAndHoming,
-                                       kReadStopRamps, kReadAlarm));
+                                       kReadStopRamps, kReadAlarm, kReadInputs));
   EXPECT_THAT(controller->identity(), HasSubstr("slaves 3"));
+  EXPECT_THAT(controller->identity(), Not(HasSubstr("home switch")));
+}
+
+TEST_F(LeadshineBytes, SaysWhereNoInputIsTheHomeSwitch) {
+  drive.replies[kReadInputs] = "03031c0000008800000000000000000000000000000000000000000000000078c4";
+  controller->connect();
+  EXPECT_THAT(controller->identity(), HasSubstr("slave 3 has no input that is set up as the home"));
+  drive.replies[kReadInputs] = "0383026131";  // a relative without these registers
+  controller->connect();
+  EXPECT_THAT(controller->identity(), Not(HasSubstr("home switch")));
 }
 
 TEST_F(LeadshineBytes, ConfiguringWritesTheSetUpAndKeepsBitsThatAreNotItsBusiness) {
@@ -139,13 +153,13 @@ TEST_F(LeadshineBytes, ConfiguringWritesTheSetUpAndKeepsBitsThatAreNotItsBusines
   };
   controller->configure();
   drive.heard.resize(18);
-  EXPECT_THAT(
-      drive.heard,
-      ElementsAre("030600010640dbb8", "0306000f000179eb", kReadConfig, "030660000007d7ea", kReadConfig, "030660000003d629",
-                  "0310600600020400005dc0e8ff", "03106008000204ffffa2402907", "0303600a0001bbea",
-                  "0306600a0007f7e8", "0310600b0002040000000011a6", "0310600d00020400000000918c",
-                  "0306600f00962645", "03066010001e17e5", "03066011029b86e6", "03066012029b76e6",
-                  "030660160032f639", "0306601701f4263b"));
+  EXPECT_THAT(drive.heard,
+              ElementsAre("030600010640dbb8", "0306000f000179eb", kReadConfig, "030660000007d7ea",
+                          kReadConfig, "030660000003d629", "0310600600020400005dc0e8ff",
+                          "03106008000204ffffa2402907", "0303600a0001bbea", "0306600a0007f7e8",
+                          "0310600b0002040000000011a6", "0310600d00020400000000918c",
+                          "0306600f00962645", "03066010001e17e5", "03066011029b86e6",
+                          "03066012029b76e6", "030660160032f639", "0306601701f4263b"));
 }
 
 TEST_F(LeadshineBytes, AMoveIsWrittenReadBackAndTriggered) {
@@ -204,7 +218,7 @@ TEST_F(LeadshineBytes, NamesRefusalsInWords) {
   drive.replies[kReadStopRamps] = "0383026131";
   EXPECT_THAT(message_of<DeviceError>([&] { controller->connect(); }),
               AllOf(HasSubstr("reading register 0x6016"), HasSubstr("exception 02"),
-                    HasSubstr("it has no such register")));
+                    HasSubstr("it has no such register"), HasSubstr("two register maps")));
   drive.replies[kReadStopRamps] = "030304003201f4782b";
   controller->connect();
   yaw().home();
@@ -391,13 +405,13 @@ TEST_F(LeadshinePr, ASetUpThatAPowerCycleTookAwayBlocksHoming) {
 }
 
 /// What a person may have set a drive up to, by the bytes of her own tool.
-void set(SimulatedLeadshine& rig, std::initializer_list<std::pair<std::uint16_t, std::uint16_t>> registers) {
+void set(SimulatedLeadshine& rig,
+         std::initializer_list<std::pair<std::uint16_t, std::uint16_t>> registers) {
   auto [near, far] = line_pair("another master");
   rig.simulator->plug(std::move(far));
   ModbusMaster master(std::move(near), rig.clock, ModbusMaster::Framing::kRtu,
                       std::chrono::seconds{1});
-  for (const auto& [address, value] : registers)
-    master.write_register(2, address, value);
+  for (const auto& [address, value] : registers) master.write_register(2, address, value);
   rig.reconnect();
 }
 
