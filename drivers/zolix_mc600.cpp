@@ -19,6 +19,7 @@ constexpr Time kQuiet = milliseconds{50};
 constexpr Time kResync = milliseconds{300};
 constexpr Time kIdentify = milliseconds{500};
 constexpr Time kOddReply = milliseconds{300};  // an axis that stands still so long was not sent off
+constexpr Time kLastPoll = milliseconds{100};
 constexpr std::string_view kChannels = "XYZT";
 
 /// As the controller's own examples show numbers: plain decimals, as few as needed, five at most.
@@ -98,6 +99,11 @@ class Mc600 final : public AxisController {
   std::optional<std::string> query_if_known(const Channel& channel, const std::string& verb);
   void command(const std::string& who, const std::string& text);
   Acknowledgement command_motion(const Channel& channel, Task task);
+  /// Whether it was told to move, and nothing has been heard of the end yet.
+  bool moves(const Channel& channel) const {
+    const Task& task = tasks_[channel.index];
+    return !task.command.empty() && !task.ended;
+  }
   void check_reply(const Channel& channel, const std::string& text, Steps position);
   static std::vector<Setting> settings(const AxisConfig& config);
 
@@ -236,16 +242,25 @@ void Mc600::check_reply(const Channel& channel, const std::string& text, Steps p
 
 AxisStatus<Steps> Mc600::status(const Channel& channel, Time deadline) {
   std::string text;
-  const double position = retried(deadline, [&] {
-    text = query(channel, "Position", Time{0});
-    const auto value = parse_number(text);
-    if (!value)
-      throw ProtocolError(
-          fmt::format("{}: its position, {}, is not a number", where(channel), in_quotes(text)));
-    return *value;
-  });
-  const auto guard = lock();
+  double position = 0;
   AxisStatus<Steps> status;
+  try {
+    position = retried(deadline, [&] {
+      text = query(channel, "Position", Time{0});
+      const auto value = parse_number(text);
+      if (!value)
+        throw ProtocolError(
+            fmt::format("{}: its position, {}, is not a number", where(channel), in_quotes(text)));
+      return *value;
+    });
+  } catch (const DeviceError&) {
+    // Whether it tells positions while it moves nobody has said. Until the end is due, perhaps not.
+    const auto guard = lock();
+    if (!moves(channel) || clock().now() + kLastPoll >= deadline) throw;
+    status.motion = Motion::kMoving;
+    return status;
+  }
+  const auto guard = lock();
   status.position = channel.steps(position);
   check_reply(channel, text, *status.position);
   if (tasks_[channel.index].ended) status.motion = Motion::kEnded;

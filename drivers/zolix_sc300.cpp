@@ -21,6 +21,7 @@ using std::chrono::milliseconds;
 constexpr Time kQuiet = milliseconds{50};
 constexpr Time kResync = milliseconds{300};
 constexpr Time kListen = milliseconds{10};
+constexpr Time kLastPoll = milliseconds{100};
 constexpr Time kIdentify = milliseconds{500};
 constexpr Time kRefusal = milliseconds{30};  // within which a motion is refused, if it is
 constexpr int kDoubt = 2;        // reply timeouts for which a late answer is still expected
@@ -135,8 +136,9 @@ class Sc300 final : public AxisController {
   void take_counter(const Channel& channel, std::optional<Steps> counter);
   void listen_for_report(const State& state);
   bool hidden(const State& state) const;
+  bool still_hidden(State& state);
   [[noreturn]] static void refused(const std::string& who, const std::string& command,
-                                   std::string_view reply);
+                                   std::string_view reply, std::string_view hint = {});
   std::string ask(const std::string& command, const AsciiDialog::Predicate& accept,
                   std::optional<std::size_t> counter_of = {});
   std::string named(const std::string& command);
@@ -243,12 +245,13 @@ bool Sc300::hidden(const State& s) const {
          clock().now() < s.task->overdue;
 }
 
-void Sc300::refused(const std::string& who, const std::string& command, std::string_view reply) {
+void Sc300::refused(const std::string& who, const std::string& command, std::string_view reply,
+                    std::string_view hint) {
   throw DeviceError(
       fmt::format("{}: \"{}\" was refused with {}. The manual pages at hand do not define E0, E1 "
                   "and ER; they are believed to mean an unknown or ill-formed command, one that is "
-                  "not allowed now or whose value is not, and a drive that cannot move.",
-                  who, command, upper(reply)));
+                  "not allowed now or whose value is not, and a drive that cannot move.{}",
+                  who, command, upper(reply), hint));
 }
 
 std::string Sc300::ask(const std::string& command, const AsciiDialog::Predicate& accept,
@@ -295,7 +298,11 @@ Steps Sc300::counter(const Channel& channel, Time deadline) {
     if (!s.questions.empty()) s.questions.pop_back();
     const bool late = s.task && !s.task->stopped && !s.task->reported && !s.task->answered;
     refused(where(channel), late ? fmt::format("{}, after {},", text, s.task->command) : text,
-            reply);
+            reply,
+            late && config().answers_while_moving
+                ? " If it answers like this whenever something moves, set answers_while_moving to "
+                  "false in the rig file."
+                : "");
   }
   s.at_rest = counter_line(reply)->counter;
   if (s.task) {
@@ -383,6 +390,15 @@ bool Sc300::free(const Channel&) {
   return std::ranges::none_of(states_, [&](const State& s) { return hidden(s); });
 }
 
+/// A controller that does not answer while it moves has not answered: so what was heard was not the
+/// end.
+bool Sc300::still_hidden(State& s) {
+  const auto guard = lock();
+  if (config().answers_while_moving || !s.task || s.task->answered) return false;
+  s.task->reported.reset();
+  return true;
+}
+
 AxisStatus<Steps> Sc300::status(const Channel& channel, Time deadline) {
   State& s = state(channel);
   AxisStatus<Steps> status;
@@ -412,9 +428,11 @@ AxisStatus<Steps> Sc300::status(const Channel& channel, Time deadline) {
   } catch (const GaveWay&) {
     throw;
   } catch (const TimeoutError&) {
-    const auto guard = lock();
-    if (config().answers_while_moving || !s.task || s.task->answered) throw;
-    s.task->reported.reset();  // so that was not its end, for it still does not answer
+    if (!still_hidden(s)) throw;
+    status.motion = Motion::kMoving;
+    return status;
+  } catch (const DeviceError&) {  // or an E1 for "not now"
+    if (!still_hidden(s) || clock().now() + kLastPoll >= deadline) throw;
     status.motion = Motion::kMoving;
     return status;
   }

@@ -108,7 +108,7 @@ void AxisModel::move_to(Time now, double target, Ramp ramp) {
   add_leg(now, rest_.motor, to, ramp);
 }
 
-void AxisModel::home(Time now, Ramp ramp, double overshoot) {
+void AxisModel::home(Time now, Ramp ramp, double overshoot, std::optional<double> then) {
   freeze(now);
   homed_ = false;
   on_move_ = false;
@@ -123,13 +123,17 @@ void AxisModel::home(Time now, Ramp ramp, double overshoot) {
   const double beyond = clipped(overshoot < 0 ? past : -past);
   add_leg(now, rest_.motor, beyond, ramp);
   const Ramp slow{overshoot == 0 ? ramp.initial_speed : 0.0, ramp.initial_speed, ramp.acceleration};
-  add_leg(legs_[0].end(), beyond, clipped(std::round(overshoot / per_step_) * per_step_), slow);
+  const auto pulses = [&](double v) { return std::round(v / per_step_) * per_step_; };
+  const double halt = clipped(pulses(overshoot));
+  add_leg(legs_[0].end(), beyond, halt, slow);
+  if (then)
+    add_leg(legs_[1].end(), halt, clipped(pulses(*then)), {0.0, ramp.speed, ramp.acceleration});
 }
 
 void AxisModel::stop(Time now, bool immediate, std::optional<double> within_s) {
   never_ends_ = false;
   if (!moving(now)) return;
-  const Leg& leg = legs_[leg_count_ == 2 && now >= legs_[0].end() ? 1 : 0];
+  const Leg& leg = leg_at(now);
   const double speed = leg.profile.speed_at(seconds(now - leg.begin));
   const double direction = leg.to < leg.from ? -1.0 : 1.0;
   freeze(now);
@@ -155,7 +159,7 @@ void AxisModel::stop(Time now, bool immediate, std::optional<double> within_s) {
 
 void AxisModel::hit_switch(Time now) {
   if (!moving(now) || never_ends_) return;
-  const Leg& leg = legs_[leg_count_ == 2 && now >= legs_[0].end() ? 1 : 0];
+  const Leg& leg = leg_at(now);
   const int side = leg.to < leg.from ? -1 : 1;
   stop(now, true);
   switch_ = side;
@@ -211,6 +215,12 @@ void AxisModel::add_leg(Time begin, double from, double to, Ramp ramp) {
 }
 
 // ---- functions of time
+
+const AxisModel::Leg& AxisModel::leg_at(Time t) const {
+  std::size_t i = 0;
+  while (i + 1 < static_cast<std::size_t>(leg_count_) && t >= legs_[i].end()) ++i;
+  return legs_[i];
+}
 
 double AxisModel::clipped(double motor) const {
   return std::clamp(motor, hard_lower_, hard_upper_);

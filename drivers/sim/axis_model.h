@@ -74,7 +74,8 @@ class AxisModel {
   /// Finds the home switch: quickly past it, back, and slowly onto it.
   /// @param overshoot where it comes to a halt after the switch was seen, from there; negative if
   /// the slow approach is a backward one. 0 = on the switch.
-  void home(Time now, Ramp ramp, double overshoot = 0);
+  /// @param then where it goes on to, from the switch, before the homing has ended.
+  void home(Time now, Ramp ramp, double overshoot = 0, std::optional<double> then = {});
   /// Decelerates and halts; `immediate` halts on the spot.
   /// @param within_s how long that takes from any speed, if it is not the acceleration that counts.
   void stop(Time now, bool immediate = false, std::optional<double> within_s = {});
@@ -130,6 +131,7 @@ class AxisModel {
 
   void freeze(Time now);
   void add_leg(Time begin, double from, double to, Ramp ramp);
+  const Leg& leg_at(Time t) const;
   double clipped(double motor) const;
   double motor_at(Time t) const;
   Mechanics mechanics_at(Time t) const;
@@ -144,7 +146,7 @@ class AxisModel {
   double per_step_, worm_period_, worm_phase_;
   double hard_lower_, hard_upper_;
 
-  std::array<Leg, 2> legs_;
+  std::array<Leg, 3> legs_;
   int leg_count_ = 0;
   Mechanics rest_;                     ///< at the beginning of the legs
   double error_ = 0, next_error_ = 0;  ///< at their beginning and at their end

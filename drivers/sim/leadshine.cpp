@@ -565,25 +565,17 @@ void Leadshine::home(Drive& drive, Time now) {
   const double halt = ramp.initial_speed * ramp.initial_speed / (2 * ramp.acceleration);
   const double overshoot =
       std::max(1.0, std::ceil(halt / drive.axis->per_step() - 1e-6)) * drive.axis->per_step();
-  drive.axis->home(now, ramp, (drive.at(0x600A) & 0x0001u) != 0 ? -overshoot : overshoot);
+  const bool goes_on = (drive.at(0x600A) & 0x0002u) != 0;
+  const double origin = drive.pair(0x600B) * drive.per_pulse();
+  const double stop_at = drive.pair(0x600D) * drive.per_pulse();
+  drive.axis->home(now, ramp, (drive.at(0x600A) & 0x0001u) != 0 ? -overshoot : overshoot,
+                   goes_on ? std::optional(stop_at - origin) : std::nullopt);
   const auto end = drive.axis->ends_at();
   if (!end) return;
-  later(*end, [this, &drive, command = drive.commands](Time found) {
-    if (drive.commands != command || !drive.axis->homed(found)) return;
-    drive.axis->set_counter(
-        found, drive.axis->counter_position(found) + drive.pair(0x600B) * drive.per_pulse());
-    if ((drive.at(0x600A) & 0x0002u) == 0) {
-      drive.home_done = true;
-      return;
-    }
-    const std::int64_t stop_at = drive.pair(0x600D);
-    drive.axis->move_to(found, static_cast<double>(stop_at) * drive.per_pulse(),
-                        drive.ramp(drive.at(0x600F), drive.at(0x6011)));
-    if (const auto there = drive.axis->ends_at())
-      later(*there, [&drive, command, stop_at](Time t) {
-        drive.home_done = drive.commands == command && drive.doing == Drive::Doing::kHome &&
-                          drive.pulses(t) == stop_at;
-      });
+  later(*end, [&drive, origin, command = drive.commands](Time t) {
+    if (drive.commands != command || !drive.axis->homed(t)) return;
+    drive.axis->set_counter(t, drive.axis->counter_position(t) + origin);
+    drive.home_done = true;
   });
 }
 

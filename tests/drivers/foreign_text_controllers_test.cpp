@@ -126,6 +126,23 @@ TEST_P(ForeignSc300, IsToldByTheNameItGivesItselfWhileItMovesInSilenceToo) {
   works();
 }
 
+TEST_P(ForeignSc300, ThatRefusesQuestionsWhileItMovesIsWaitedFor) {
+  Manners manners = GetParam();
+  manners.busy = "E1";
+  config.answers_while_moving = false;
+  open("zolix-sc300", manners);
+  works();
+  config.answers_while_moving = true;  // a rig file that says otherwise is told so
+  manners.busy_every = 0;
+  open("zolix-sc300", manners);
+  controller->configure();
+  EXPECT_THAT(message_of<DeviceError>([&] {
+                yaw().home();
+                move(25);
+              }),
+              AllOf(HasSubstr("refused with E1"), HasSubstr("answers_while_moving")));
+}
+
 TEST_P(ForeignSc300, IsFound) {
   auto [near, far] = line_pair("line");
   Sc300Peer found(std::move(far), GetParam());
@@ -144,6 +161,29 @@ TEST_P(ForeignMc600, IsSetUpHomedMovedAndStopped) {
   works();
   EXPECT_EQ(peer->said("GoHome X"), 1);
   EXPECT_EQ(peer->settings.at("SETOFFSET X"), "0");
+}
+
+TEST_P(ForeignMc600, ThatRefusesQuestionsWhileItMovesIsWaitedFor) {
+  Manners manners = GetParam();
+  manners.busy = "E02";
+  open("zolix-mc600", manners);
+  works();
+}
+
+TEST_P(ForeignMc600, ThatRefusesThemForEverIsQuoted) {
+  Manners manners = GetParam();
+  manners.busy_every = 0;
+  open("zolix-mc600", manners);
+  controller->configure();
+  yaw().home();
+  yaw().start(Degrees{20});
+  peer->replies["Position? X"] = "E17";
+  peer->mute_reports = true;
+  EXPECT_THAT(message_of<DeviceError>([&] {
+                while (!yaw().advance()) {
+                }
+              }),
+              HasSubstr("\"Position? X\" was refused with E17"));
 }
 
 TEST_P(ForeignMc600, IsFound) {

@@ -30,6 +30,7 @@ struct Manners {
   Time second_half{};                ///< an answer comes in two parts, so far apart
   int busy_every = 0;                ///< each so manieth question is not heard at all
   bool silent_while_moving = false;  ///< and forgets what it is asked then
+  std::string busy{};                ///< or says so, but to a stop
 };
 
 class TextPeer : public Actor {
@@ -58,13 +59,18 @@ class TextPeer : public Actor {
           ++questions_ % manners_.busy_every == 0)
         continue;
       if (manners_.silent_while_moving && moving(now) && !stops(command)) continue;
+      if (!manners_.busy.empty() && moving(now) && !stops(command)) {
+        say(now, manners_.reply, manners_.busy);
+        continue;
+      }
       if (const std::string answer = take(command, now); !answer.empty())
         say(now, manners_.reply, answer);
     }
     for (auto& [letter, axis] : axes_)
       if (axis.report_due && now >= axis.arrives) {
         axis.report_due = false;
-        say(now, Time{0}, arrived(letter, now));
+        const std::string report = arrived(letter, now);
+        if (!mute_reports) say(now, Time{0}, report);
       }
     std::ranges::stable_sort(due_, {}, &Saying::at);
     while (!due_.empty() && due_.front().at <= now) {
@@ -81,6 +87,7 @@ class TextPeer : public Actor {
   }
 
   std::vector<std::string> heard;
+  bool mute_reports = false;  ///< it does not say by itself that an axis has come to rest
 
  protected:
   /// @return what is said to it, without the line's end; several lines with '\r' between.
