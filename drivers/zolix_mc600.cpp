@@ -20,6 +20,7 @@ constexpr Time kResync = milliseconds{300};
 constexpr Time kIdentify = milliseconds{500};
 constexpr Time kOddReply = milliseconds{300};  // an axis that stands still so long was not sent off
 constexpr Time kLastPoll = milliseconds{100};
+constexpr Time kKeeping = milliseconds{400};
 constexpr std::string_view kChannels = "XYZT";
 
 /// As the controller's own examples show numbers: plain decimals, as few as needed, five at most.
@@ -337,15 +338,22 @@ std::string Mc600::observe(std::vector<std::string>& differences) {
 }
 
 void Mc600::write_setup() {
+  bool keeps = false;
   for (const Channel& channel : channels())
     for (const Setting& setting : settings(channel.config)) {
+      const std::string text =
+          fmt::format("{} {},{}", setting.verb, letter(channel), setting.value);
       try {
-        command(where(channel),
-                fmt::format("{} {},{}", setting.verb, letter(channel), setting.value));
+        command(where(channel), text);
       } catch (const DeviceError&) {
-        if (setting.known_to_all) throw;
+        if (!setting.known_to_all) continue;
+        // Other programs wait so long between settings; it may be busy keeping the one before.
+        keeps = true;
+        clock().sleep_for(kKeeping);
+        command(where(channel), text);
       }
     }
+  if (keeps) clock().sleep_for(kKeeping);
 }
 
 }  // namespace

@@ -170,6 +170,13 @@ TEST_P(ForeignMc600, ThatRefusesQuestionsWhileItMovesIsWaitedFor) {
   works();
 }
 
+TEST_P(ForeignMc600, ThatIsBusyKeepingASettingIsToldTheNextOneAgain) {
+  open("zolix-mc600", GetParam());
+  peer->keeping = milliseconds{350};  // KYKY's program waits so long
+  controller->configure();
+  EXPECT_EQ(peer->settings.at("SETACCSPEED Y"), "50");
+}
+
 TEST_P(ForeignMc600, ThatRefusesThemForEverIsQuoted) {
   Manners manners = GetParam();
   manners.busy_every = 0;

@@ -220,6 +220,7 @@ class Mc600Peer final : public TextPeer {
   using TextPeer::TextPeer;
   std::map<std::string, std::string> settings{};  ///< "SETSPEED X" -> "25"
   int decimals = 5;
+  Time keeping{};  ///< for how long it refuses everything after it was told a setting
   std::map<std::string, std::string> replies{};  ///< to particular commands, whatever they are
 
  protected:
@@ -228,6 +229,7 @@ class Mc600Peer final : public TextPeer {
     std::string c = command;
     for (char& x : c) x = static_cast<char>(x >= 'a' && x <= 'z' ? x - 'a' + 'A' : x);
     if (c.empty()) return "";
+    if (now < kept_) return "E02";
     if (c == "HELLO") return "OK";
     const std::size_t space = c.find(' ');
     if (space == std::string::npos || space + 1 >= c.size()) return "E01";
@@ -262,6 +264,7 @@ class Mc600Peer final : public TextPeer {
     }
     if (!rest.empty() && verb.starts_with("SET")) {
       settings[verb + " " + letter] = rest;
+      kept_ = now + keeping;
       return "OK";
     }
     return "E01";
@@ -279,6 +282,7 @@ class Mc600Peer final : public TextPeer {
 
  private:
   char homing_ = 0;
+  Time kept_{0};
 };
 
 }  // namespace turntable
