@@ -23,11 +23,14 @@ namespace {
 
 constexpr ControllerModel kControllers[] = {
     // model         baud    reply modbus key of its own          opens              identifies
-    {"zolix-mc600", 19200, 1.0, false, "", open_zolix_mc600, identify_zolix_mc600},
-    {"zolix-zc300", 115200, 0.2, true, "address", open_zolix_zc300, identify_zolix_zc300},
+    {"zolix-mc600", 19200, 1.0, false, "", open_zolix_mc600, identify_zolix_mc600,
+     kUnconfirmedMc600},
+    {"zolix-zc300", 115200, 0.2, true, "address", open_zolix_zc300, identify_zolix_zc300,
+     kUnconfirmedZc300},
     {"zolix-sc300", 19200, 1.0, false, "answers_while_moving", open_zolix_sc300,
-     identify_zolix_sc300},
-    {"leadshine-pr", 38400, 0.3, true, "", open_leadshine_pr, identify_leadshine_pr},
+     identify_zolix_sc300, kUnconfirmedSc300},
+    {"leadshine-pr", 38400, 0.3, true, "", open_leadshine_pr, identify_leadshine_pr,
+     kUnconfirmedLeadshine},
 };
 
 std::vector<std::string> list_gige_cameras() {
@@ -129,6 +132,10 @@ void check_shared(const RigFile& rig, const ControllerConfig& a, const Controlle
 }  // namespace
 
 bool speaks_modbus(const ControllerConfig& controller) { return model_of(controller).modbus; }
+
+std::span<const std::string_view> unconfirmed_of(const ControllerConfig& controller) {
+  return model_of(controller).unconfirmed;
+}
 
 void check_controllers(const RigFile& rig) {
   for (auto b = rig.controllers.begin(); b != rig.controllers.end(); ++b) {

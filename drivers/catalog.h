@@ -23,9 +23,16 @@ struct ControllerModel {
   std::unique_ptr<Controller> (*open)(ControllerSetup);  ///< talks to nobody yet
   /// Asks who is there, by queries alone; empty if it is another model, or nobody.
   std::string (*identify)(SharedLine, Clock&);
+  /// What the program assumes of the model and no manual, other program on a real device or recording
+  /// confirms, one plain sentence each: a person looks at it in the first steps on a new rig. Kept in
+  /// agreement with protocols/README.md.
+  std::span<const std::string_view> unconfirmed{};
 };
 
 std::span<const ControllerModel> controller_models();
+
+/// @throws ConfigError for an unknown model.
+std::span<const std::string_view> unconfirmed_of(const ControllerConfig& controller);
 
 /// @throws ConfigError for an unknown model.
 bool speaks_modbus(const ControllerConfig& controller);

@@ -12,7 +12,9 @@
 // so it is compared again before each homing. Sources: protocols/README.md.
 #pragma once
 
+#include <array>
 #include <memory>
+#include <string_view>
 
 #include "drivers/controller.h"
 
@@ -23,5 +25,14 @@ std::unique_ptr<Controller> open_leadshine_pr(ControllerSetup setup);
 /// Asks slaves 1 to 8 who is there, by queries alone. @return what to call them; empty if none of
 /// them answers as such a drive does.
 std::string identify_leadshine_pr(SharedLine line, Clock& clock);
+
+/// What this driver assumes and nobody has confirmed: `ControllerModel::unconfirmed`.
+inline constexpr std::array kUnconfirmedLeadshine{
+    std::string_view{"The home-done bit of 0x1003 stays set while a path runs, and nothing but a "
+                     "power cycle clears it; the driver relies on it at rest."},
+    std::string_view{
+        "How a limit switch is reported is unknown: a limit is seen as a halt short of the goal."},
+    std::string_view{
+        "What happens to a trigger in alarm, when disabled, or beyond a soft limit is unknown."}};
 
 }  // namespace turntable

@@ -6,7 +6,9 @@
 // protocols/README.md.
 #pragma once
 
+#include <array>
 #include <memory>
+#include <string_view>
 
 #include "drivers/controller.h"
 
@@ -16,5 +18,12 @@ std::unique_ptr<Controller> open_zolix_mc600(ControllerSetup setup);
 
 /// Asks who is there, by queries alone. @return what to call it; empty if it is no MC600.
 std::string identify_zolix_mc600(SharedLine line, Clock& clock);
+
+/// What this driver assumes and nobody has confirmed: `ControllerModel::unconfirmed`.
+inline constexpr std::array kUnconfirmedMc600{
+    std::string_view{"E01 and E02 are taken as refusals; their meaning is in no source at hand."},
+    std::string_view{
+        "Queries are answered while axes move, and a stop is answered by its own line."},
+    std::string_view{"Homing leaves the position at 0."}};
 
 }  // namespace turntable

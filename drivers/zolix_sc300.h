@@ -24,7 +24,9 @@
 // where the table is. Sources and guesses: protocols/README.md.
 #pragma once
 
+#include <array>
 #include <memory>
+#include <string_view>
 
 #include "drivers/controller.h"
 
@@ -34,5 +36,13 @@ std::unique_ptr<Controller> open_zolix_sc300(ControllerSetup setup);
 
 /// Asks who is there, by queries alone. @return what to call it; empty if it is no SC300.
 std::string identify_zolix_sc300(SharedLine line, Clock& clock);
+
+/// What this driver assumes and nobody has confirmed: `ControllerModel::unconfirmed`.
+inline constexpr std::array kUnconfirmedSc300{
+    std::string_view{"E0, E1 and ER are taken as refusals; their meaning is in no source at hand."},
+    std::string_view{"Whether anything but a stop is heard while an axis moves is what the rig "
+                     "file says (answers_while_moving)."},
+    std::string_view{"Homing leaves the counter at 0."},
+    std::string_view{"A stop is answered by something; any answer is taken."}};
 
 }  // namespace turntable

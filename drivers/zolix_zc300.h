@@ -24,7 +24,9 @@
 //   if the axis is then seen to move, as a counter at 0 proves nothing.
 #pragma once
 
+#include <array>
 #include <memory>
+#include <string_view>
 
 #include "drivers/controller.h"
 
@@ -35,5 +37,26 @@ std::unique_ptr<Controller> open_zolix_zc300(ControllerSetup setup);
 
 /// Asks slave 1 who is there, by queries alone. @return what to call it; empty if it is no ZC300.
 std::string identify_zolix_zc300(SharedLine line, Clock& clock);
+
+/// What this driver assumes and nobody has confirmed: `ControllerModel::unconfirmed`.
+inline constexpr std::array kUnconfirmedZc300{
+    std::string_view{"An axis is taken as homed when its moving flag falls after the homing, no "
+                     "limit switch is on and the controller was not switched off meanwhile; the "
+                     "home switch bit is not heeded, as it floats high where nothing is wired."},
+    std::string_view{
+        "Of a rotary axis the drive ratio (30090) makes the scale, 360 / (pulses per revolution x "
+        "ratio) degrees per pulse; whether the controller uses the lead (30084) as well is "
+        "unknown, so both are set. Check the angle of the first move."},
+    std::string_view{
+        "An absolute move (64h) takes its magnitude from the distance register (30114) and its "
+        "sign from the direction letter; the vendor's library does so, but one laboratory saw no "
+        "motion after 64h (it had written the target elsewhere)."},
+    std::string_view{"The distance of a move to 0 is sent as 0.00001, which the manual's range "
+                     "(more than 0 pulses) may refuse."},
+    std::string_view{"A change of the acceleration by some thousandths, which a power cycle takes "
+                     "back, is how the program notices that the controller was switched off; "
+                     "nobody has tried it, and a saving to flash by another program hides it."},
+    std::string_view{
+        "A limit switch bit that is on ends a move in that direction and not in the other one."}};
 
 }  // namespace turntable

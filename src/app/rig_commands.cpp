@@ -138,6 +138,21 @@ int devices_command(const DevicesArguments& a) {
   return kDone;
 }
 
+/// What a person has to look at before the rig is believed.
+void print_unconfirmed(const RigFile& file) {
+  std::vector<std::string_view> told;
+  for (const ControllerConfig& controller : file.controllers) {
+    const auto unconfirmed = unconfirmed_of(controller);
+    if (unconfirmed.empty() || std::ranges::find(told, controller.model) != told.end()) continue;
+    told.push_back(controller.model);
+    fmt::print(
+        "What this program assumes of a {} and no manual, other program or recording confirms; "
+        "check it in the first steps on a new rig (scenarios/rigs/README.md):\n",
+        controller.model);
+    for (const std::string_view sentence : unconfirmed) fmt::print("  - {}\n", sentence);
+  }
+}
+
 int status_command(const HandArguments& a) {
   stop_at_first_interrupt();
   const RigFile file = load_rig_file(a.rig);
@@ -160,6 +175,7 @@ int status_command(const HandArguments& a) {
                  condition.empty() ? "" : "  ", condition);
     });
   fmt::print("Positions are pulse counters; they mean something after homing only.\n");
+  print_unconfirmed(file);
   return differences.empty() ? kDone : kDeviceTrouble;
 }
 

@@ -63,6 +63,8 @@ TEST_F(ServedRig, IsHomedAndMovedAndAskedByHand) {
   EXPECT_EQ(o.code, 0) << o.output;
   EXPECT_THAT(o.output, HasSubstr("ZC300-3A serial"));
   EXPECT_THAT(o.output, HasSubstr("yaw "));
+  EXPECT_THAT(o.output, HasSubstr("What this program assumes of a zolix-zc300 and no manual"));
+  EXPECT_THAT(o.output, HasSubstr("Check the angle of the first move."));
 
   o = rig("move yaw 10");
   EXPECT_EQ(o.code, 2);

@@ -569,6 +569,14 @@ TEST(ControllerCatalog, AgreesWithTheSimulators) {
   EXPECT_EQ(real, simulated);
 }
 
+TEST(ControllerCatalog, SaysOfEachModelWhatNobodyHasConfirmed) {
+  for (const ControllerModel& row : controller_models()) {
+    EXPECT_FALSE(row.unconfirmed.empty()) << row.model;
+    for (const std::string_view sentence : row.unconfirmed)
+      EXPECT_TRUE(sentence.ends_with('.')) << row.model << ": " << sentence;
+  }
+}
+
 TEST(ControllerCatalog, NamesTheModelsItKnows) {
   ManualClock clock;
   ControllerConfig config;
