@@ -200,8 +200,8 @@ std::string AsciiDialog::ask(std::string_view command, Time timeout, const Predi
   }
   if (!skipped.empty() || !pending_.empty())
     throw ProtocolError(
-        fmt::format("{}: \"{}\" was answered by {}, which is no answer to it. Check baud "
-                    "rate and cable.",
+        fmt::format("{}: \"{}\" was answered by {}, which is no answer to it. Check baud rate and "
+                    "cable; if answers only come late, raise reply_timeout_ms in the rig file.",
                     line_.name(), command, in_quotes(skipped.empty() ? pending_ : skipped)));
   throw TimeoutError(
       fmt::format("{}: no answer to \"{}\" within {:g} s. Check power, cable and baud rate.",

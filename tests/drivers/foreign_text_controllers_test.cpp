@@ -20,6 +20,7 @@ namespace {
 
 using std::chrono::milliseconds;
 using ::testing::AllOf;
+using ::testing::AnyOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
@@ -143,6 +144,18 @@ TEST_P(ForeignSc300, ThatRefusesQuestionsWhileItMovesIsWaitedFor) {
               AllOf(HasSubstr("refused with E1"), HasSubstr("answers_while_moving")));
 }
 
+TEST_P(ForeignSc300, ThatIsLaterThanItsTimeoutIsSaidToBe) {
+  Manners manners = GetParam();
+  manners.reply = milliseconds{1700};
+  open("zolix-sc300", manners);
+  EXPECT_THAT(message_of<Error>([&] { controller->connect(); }),
+              AnyOf(HasSubstr("within 1 s"), HasSubstr("raise reply_timeout_ms")));
+  config.reply_timeout_s = 3;
+  open("zolix-sc300", manners);
+  controller->configure();
+  EXPECT_THAT(upper(controller->identity()), HasSubstr(": SC300-1B SC300_V1.0 ID0000"));
+}
+
 TEST_P(ForeignSc300, IsFound) {
   auto [near, far] = line_pair("line");
   Sc300Peer found(std::move(far), GetParam());
@@ -168,6 +181,20 @@ TEST_P(ForeignMc600, ThatRefusesQuestionsWhileItMovesIsWaitedFor) {
   manners.busy = "E02";
   open("zolix-mc600", manners);
   works();
+}
+
+TEST_P(ForeignMc600, MayShowFewerDigitsAsLongAsTheyTellTheWindow) {
+  for (const int decimals : {4, 3}) {
+    open("zolix-mc600", GetParam());
+    peer->decimals = decimals;
+    works();
+  }
+  open("zolix-mc600", GetParam());
+  peer->decimals = 1;
+  controller->configure();
+  yaw().home();
+  EXPECT_THAT(message_of<DeviceError>([&] { move(12.345); }),
+              AllOf(HasSubstr("11.8"), HasSubstr("1 digits after the point")));
 }
 
 TEST_P(ForeignMc600, ThatIsBusyKeepingASettingIsToldTheNextOneAgain) {
