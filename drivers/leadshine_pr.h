@@ -28,10 +28,17 @@ std::string identify_leadshine_pr(SharedLine line, Clock& clock);
 
 /// What this driver assumes and nobody has confirmed: `ControllerModel::unconfirmed`.
 inline constexpr std::array kUnconfirmedLeadshine{
-    std::string_view{"The home-done bit of 0x1003 stays set while a path runs, and nothing but a "
-                     "power cycle clears it; the driver relies on it at rest."},
+    std::string_view{"The home-done bit of 0x1003 is set at the stop position and not at the "
+                     "switch already (the driver waits half a second for the way back), stays set "
+                     "while a path runs, and nothing but a power cycle or a homing clears it."},
     std::string_view{
-        "How a limit switch is reported is unknown: a limit is seen as a halt short of the goal."},
+        "The milliseconds of 0x6017 are what a stop takes from whatever speed, and not "
+        "from the highest: watch the first stop."},
+    std::string_view{"Bit n - 1 of 0x0179 is input n; whether an input that is normally closed is "
+                     "turned round there is unknown. It is used in messages only."},
+    std::string_view{"A halt short of the goal is a limit switch if 0x601D says 0x020P; without "
+                     "that register it is only a halt."},
+    std::string_view{"A stop during homing halts the motor and leaves home-done clear."},
     std::string_view{
         "What happens to a trigger in alarm, when disabled, or beyond a soft limit is unknown."}};
 

@@ -21,9 +21,17 @@ std::string identify_zolix_mc600(SharedLine line, Clock& clock);
 
 /// What this driver assumes and nobody has confirmed: `ControllerModel::unconfirmed`.
 inline constexpr std::array kUnconfirmedMc600{
-    std::string_view{"E01 and E02 are taken as refusals; their meaning is in no source at hand."},
     std::string_view{
-        "Queries are answered while axes move, and a stop is answered by its own line."},
-    std::string_view{"Homing leaves the position at 0."}};
+        "E and two digits, and ERR, are taken as refusals; their meaning is in no source at hand."},
+    std::string_view{
+        "Positions are told while axes move, or refused until they have come to rest."},
+    std::string_view{"A stop is answered OK, and the stopped move by its own line; the driver goes "
+                     "by the position."},
+    std::string_view{"Homing leaves the position at 0, and SetOffset is a way back after it whose "
+                     "end counts as 0: look at the table when it has homed."},
+    std::string_view{"A negative place is sent as N and its magnitude; one other program sends P "
+                     "and the negative number."},
+    std::string_view{"What a limit switch or an emergency stop does to a move is unknown: it is "
+                     "seen as a halt short of the goal."}};
 
 }  // namespace turntable

@@ -43,6 +43,8 @@ inline constexpr std::array kUnconfirmedSc300{
     std::string_view{"Whether anything but a stop is heard while an axis moves is what the rig "
                      "file says (answers_while_moving)."},
     std::string_view{"Homing leaves the counter at 0."},
-    std::string_view{"A stop is answered by something; any answer is taken."}};
+    std::string_view{"A stop is answered by something; any answer is taken."},
+    std::string_view{
+        "What a limit switch does to a move is unknown: it is seen as a halt short of the goal."}};
 
 }  // namespace turntable
