@@ -102,6 +102,7 @@ class Mc600 final : public AxisController {
   Acknowledgement command_motion(const Channel& channel, Task task);
   /// Whether it was told to move, and nothing has been heard of the end yet.
   bool moves(const Channel& channel) const {
+    const auto guard = lock();
     const Task& task = tasks_[channel.index];
     return !task.command.empty() && !task.ended;
   }
@@ -242,6 +243,7 @@ void Mc600::check_reply(const Channel& channel, const std::string& text, Steps p
 }
 
 AxisStatus<Steps> Mc600::status(const Channel& channel, Time deadline) {
+  const bool moved = moves(channel);  // when it is asked; the answer may come after the end
   std::string text;
   double position = 0;
   AxisStatus<Steps> status;
@@ -256,8 +258,7 @@ AxisStatus<Steps> Mc600::status(const Channel& channel, Time deadline) {
     });
   } catch (const DeviceError&) {
     // Whether it tells positions while it moves nobody has said. Until the end is due, perhaps not.
-    const auto guard = lock();
-    if (!moves(channel) || clock().now() + kLastPoll >= deadline) throw;
+    if (!moved || clock().now() + kLastPoll >= deadline) throw;
     status.motion = Motion::kMoving;
     return status;
   }

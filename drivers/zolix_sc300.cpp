@@ -92,6 +92,7 @@ class Sc300 final : public AxisController {
     Time overdue{0};                  ///< when its end should have been reported
     bool stopped = false;             ///< by us: where it ends says nothing
     std::optional<Steps> reported{};  ///< by a line owed to no question
+    std::optional<Steps> swapped{};   ///< or by the one before, if that one was the answer
     bool answered = false;            ///< by a controller that does not while anything moves
     std::optional<std::string> refusal{};
     std::optional<Steps> seen{};  ///< the counter, first
@@ -207,6 +208,8 @@ void Sc300::take_counter(const Channel& channel, std::optional<Steps> value) {
   // a late answer may still come: those are lines of the past.
   if (value == s.task->from || (in_doubt && !s.task->from && !s.task->moved)) return;
   s.task->reported = value;
+  // Where it began says nothing: a spoilt line must not make a homed axis.
+  s.task->swapped = s.task->last == s.task->seen ? std::nullopt : s.task->last;
 }
 
 /// Back in step. A controller answers in order: once it has answered this CR, what it has not
@@ -437,7 +440,9 @@ AxisStatus<Steps> Sc300::status(const Channel& channel, Time deadline) {
     return status;
   }
   const auto guard = lock();
-  if (s.task && !s.task->stopped && s.task->reported == status.position)
+  if (s.task && !s.task->stopped && s.task->reported &&
+      (s.task->reported == status.position ||
+       (s.task->swapped && s.task->swapped == status.position)))
     status.motion = Motion::kEnded;
   return status;
 }

@@ -119,7 +119,7 @@ TEST_P(ForeignSc300, IsToldByTheNameItGivesItself) {
   EXPECT_THAT(who, HasSubstr(": SC300-1B SC300_V1.0 ID0000"));
 }
 
-TEST_P(ForeignSc300, IsToldByTheNameItGivesItselfWhileItMovesInSilenceToo) {
+TEST_P(ForeignSc300, IsWaitedForWhereItMovesInSilence) {
   Manners manners = GetParam();
   manners.silent_while_moving = true;
   config.answers_while_moving = false;
@@ -154,6 +154,19 @@ TEST_P(ForeignSc300, ThatIsLaterThanItsTimeoutIsSaidToBe) {
   open("zolix-sc300", manners);
   controller->configure();
   EXPECT_THAT(upper(controller->identity()), HasSubstr(": SC300-1B SC300_V1.0 ID0000"));
+}
+
+TEST_P(ForeignSc300, MayReportAnEndBetweenAnyQuestionAndItsAnswer) {
+  Manners manners = GetParam();
+  manners.busy_every = 0;  // a lost question leaves a doubt: better homed twice than not
+  open("zolix-sc300", manners);
+  controller->configure();
+  for (peer->way_home = 100; peer->way_home < 4000; peer->way_home += 100) {  // 5 ms each
+    SCOPED_TRACE(peer->way_home);
+    ASSERT_NO_THROW(yaw().home());
+    EXPECT_TRUE(yaw().homed());
+    move(1);
+  }
 }
 
 TEST_P(ForeignSc300, IsFound) {

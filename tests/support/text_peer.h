@@ -139,7 +139,9 @@ class TextPeer : public Actor {
       if (manners_.blanks && c == ',') line += ' ';
     }
     const std::size_t half = manners_.second_half > Time{} ? line.size() / 2 : line.size();
-    const Time at = std::max(now + after, free_at_);  // one line after the other
+    // A line that has begun is said to its end; else a report may come before an answer that is due.
+    const bool in_parts = manners_.second_half > Time{};
+    const Time at = in_parts ? std::max(now + after, free_at_) : now + after;
     free_at_ = half < line.size() ? at + manners_.second_half : at;
     due_.push_back({at, line.substr(0, half)});
     if (half < line.size()) due_.push_back({free_at_, line.substr(half)});
@@ -161,6 +163,7 @@ class Sc300Peer final : public TextPeer {
   using TextPeer::TextPeer;
   std::string type = "SC300-1B", version = "SC300_V1.0";
   std::map<std::string, std::string> registers{};  ///< "VX" -> "20000"
+  double way_home = 700;                           ///< pulses
 
  protected:
   std::string take(const std::string& c, Time now) override {
@@ -188,7 +191,7 @@ class Sc300Peer final : public TextPeer {
     }
     if (head[0] == 'H' && axis_last) {
       homing_ = head[1];
-      go(head[1], axes_[head[1]].at(now) - 700, speed(head[1]), now);
+      go(head[1], axes_[head[1]].at(now) - way_home, speed(head[1]), now);
       return "";
     }
     if (axis_last && !value.empty()) {  // "VX,20000"
