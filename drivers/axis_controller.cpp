@@ -70,6 +70,7 @@ class AxisController::ChannelAxis final : public Port, public AxisPort<Q> {
     return controller_->start_move(channel(), scale_.to_steps(from), scale_.to_steps(to));
   }
   Acknowledgement start_home() override { return controller_->start_home(channel()); }
+  bool count_from_home() override { return controller_->count_from_home(channel()); }
   AxisStatus<Q> status(Time deadline) override {
     AxisStatus<Steps> raw =
         controller_->on_open_line([&] { return controller_->status(channel(), deadline); });

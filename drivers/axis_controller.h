@@ -62,6 +62,8 @@ class AxisController : public Controller {
   /// Called locked. @param from where the axis stands. @throws DeviceError if refused, LineError.
   virtual Acknowledgement start_move(const Channel& channel, Steps from, Steps to) = 0;
   virtual Acknowledgement start_home(const Channel& channel) = 0;
+  /// As `AxisPort::count_from_home`. Called locked.
+  virtual bool count_from_home(const Channel&) { return false; }
   /// Reads, retrying a bounded number of times (`retried`) and not past `deadline`. Called
   /// unlocked: every exchange takes the lock for itself, so that a stop can come between.
   virtual AxisStatus<Steps> status(const Channel& channel, Time deadline) = 0;

@@ -25,7 +25,7 @@ constexpr ControllerModel kControllers[] = {
     // model         baud    reply modbus key of its own          opens              identifies
     {"zolix-mc600", 19200, 1.0, false, "", open_zolix_mc600, identify_zolix_mc600,
      kUnconfirmedMc600},
-    {"zolix-zc300", 115200, 0.2, true, "address", open_zolix_zc300, identify_zolix_zc300,
+    {"zolix-zc300", 115200, 0.4, true, "address", open_zolix_zc300, identify_zolix_zc300,
      kUnconfirmedZc300},
     {"zolix-sc300", 19200, 1.0, false, "answers_while_moving", open_zolix_sc300,
      identify_zolix_sc300, kUnconfirmedSc300},

@@ -615,6 +615,16 @@ void MotionAxis<Q>::find_home(unsigned generation) {
           fmt::format("axis {}: home not found within {:.0f} s. Check the home switch.", name_,
                       seconds(deadline - began)));
   }
+  const bool counts_anew = [&] {
+    const auto lock = port_->lock();
+    throw_if_stopped(generation);
+    return port_->count_from_home();
+  }();
+  if (counts_anew) {
+    const AxisStatus<Q> there = heeded_status();
+    check_trouble(there, 0.0);
+    last = *there.position;
+  }
   if (!within(last, Q{0.0}))
     throw DeviceError(
         fmt::format("axis {}: homing ended at {}, expected 0. Check the home switch and the "

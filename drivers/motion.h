@@ -47,6 +47,10 @@ class AxisPort {
   /// @throws DeviceError if refused, LineError.
   virtual Acknowledgement start_move(Q from, Q to) = 0;
   virtual Acknowledgement start_home() = 0;
+  /// Called when a homing has ended and the axis stands: lets the place count as 0 where homing alone
+  /// does not. @return true if the position has changed by that. @throws DeviceError if the homing cannot
+  /// have succeeded.
+  virtual bool count_from_home() { return false; }
   /// Reads, retrying a bounded number of times and not past `deadline`.
   /// @throws TimeoutError, ProtocolError, DeviceError, LineError.
   virtual AxisStatus<Q> status(Time deadline) = 0;

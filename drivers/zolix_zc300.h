@@ -1,27 +1,30 @@
 // Zolix ZC300: Modbus RTU (RS-232, USB or RS-485, 115200 8N1) or Modbus TCP through a gateway; three
 // channels X Y Z of one slave. Facts with their sources: protocols/README.md.
 //
-//   status    one read of 30012..30021: moving flags, switch and alarm bits, positions. It is a pulse
-//             counter (open loop): it says what was sent to the motor, not where the table is.
+//   status    one read of 30012..30021: moving flags, switch and alarm bits, positions of all axes. It
+//             is a pulse counter (open loop): it says what was sent to the motor, not where the table is.
+//   home      the opcode [69h, axis], in two registers and without a direction. It leaves the counter as it
+//             is: where the homing can have succeeded, 0.0 is written into 30059.. and read back.
 //   move      |target| into 30114.., read back until it is right, then the opcode [64h, axis, P or N]
 //             exactly once, in a write of exactly three registers. The controller cuts targets off at
 //             0.001 and then rounds to pulses: finer pulses than that are not all within reach.
-//   settings  compared on connection; written by `configure` into volatile memory, never saved to
-//             flash: a power cycle brings back what was in flash. The drive ratio of a rotary axis is
-//             part of its lead: 360 / ratio degrees per motor revolution.
+//   settings  read in two blocks and compared on connection; what differs is written by `configure` into
+//             volatile memory, never saved to flash: a power cycle brings back what was in flash. Of a
+//             rotary axis the drive ratio makes the scale, and the lead is 360.
 //
-// Two of its habits shape the driver:
+// An answer takes 60 ms, so exchanges are few: three on connection, three for a move, and a status read of
+// one axis serves the others. Two more of its habits shape the driver:
 //
-// - It misses one request right after any of its motions has ended. Everything but a motion command
-//   is said again. A motion command is held back while another axis is about to end its own motion
-//   (predicted from distance and speeds), until a status read shows that it has. While another axis
-//   homes, whose end cannot be predicted, none is given at all. Each miss costs one reply timeout, so
-//   0.2 s in the rig file makes a quicker rig than the general default.
-// - Its counter is 0 after power-up, as after homing. The first homing leaves a number in the volatile
-//   register 30054. It is read before each move, and whenever an axis that homes or is homed is seen at 0:
-//   another number there means that the power was off, and the reference is lost. Before it is homed
-//   again, the settings are compared again. A home command whose acknowledgement is lost counts only
-//   if the axis is then seen to move, as a counter at 0 proves nothing.
+// - It sometimes misses the request right after one of its motions has ended. Everything but a motion
+//   command is said again. A motion command is held back while another axis is about to end its own motion
+//   (predicted from distance and speeds), until a status read shows that it has. While another axis homes,
+//   whose end cannot be predicted, none is given at all.
+// - Its counter is 0 after power-up, which may be where an axis was. So a homing leaves a mark: an
+//   acceleration that is a few hundredths of a percent lower. It is read before each move, and when an axis
+//   that homes or is homed is seen to stand at 0: another one means that the power was off, and the
+//   reference is lost. Before it is homed again, the settings are compared again. What that cannot notice is
+//   in protocols/README.md. A home command whose acknowledgement is lost counts only if the axis is then seen
+//   to move.
 #pragma once
 
 #include <array>

@@ -108,8 +108,10 @@ void AxisModel::move_to(Time now, double target, Ramp ramp) {
   add_leg(now, rest_.motor, to, ramp);
 }
 
-void AxisModel::home(Time now, Ramp ramp, double overshoot, std::optional<double> then) {
+void AxisModel::home(Time now, Ramp ramp, double overshoot, std::optional<double> then,
+                     bool zeroes) {
   freeze(now);
+  zeroes_ = zeroes;
   homed_ = false;
   on_move_ = false;
   switch_ = 0;
@@ -167,6 +169,9 @@ void AxisModel::hit_switch(Time now) {
 
 void AxisModel::set_counter(Time now, double value) {
   freeze(now);
+  const double by = value - (rest_.motor - counter_zero_);
+  lowest_ += by;
+  highest_ += by;
   counter_zero_ = rest_.motor - value;
 }
 
@@ -193,8 +198,8 @@ void AxisModel::freeze(Time now) {
   error_ = next_error_ = error_at(now);
   if (homing_ && !was_moving) {
     homed_ = true;
-    counter_zero_ = 0;
-    lowest_ = highest_ = 0;
+    if (zeroes_) counter_zero_ = 0;
+    lowest_ = highest_ = here.motor - counter_zero_;
   } else if (on_move_ && leg_count_ > 0) {
     lowest_ = std::min(lowest_, here.motor - counter_zero_);
     highest_ = std::max(highest_, here.motor - counter_zero_);
@@ -278,7 +283,7 @@ double AxisModel::error_at(Time t) const {
 }
 
 double AxisModel::counter_position(Time t) const {
-  const double zero = homing_ && !moving(t) ? 0.0 : counter_zero_;
+  const double zero = homing_ && zeroes_ && !moving(t) ? 0.0 : counter_zero_;
   const double value = std::round((motor_at(t) - zero) / per_step_) * per_step_;
   return value == 0.0 ? 0.0 : value;  // never -0
 }

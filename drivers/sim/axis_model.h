@@ -11,8 +11,8 @@
 //     revolution error   drawn per arrival, standard deviation repeatability / 2; carried over
 //     linearly during a move
 //
-// Homing ends with a slow forward approach of the switch at m = 0 and sets the counter to 0 there.
-// Where the controller says so it decelerates from there, and stands beyond its own zero.
+// Homing ends with a slow forward approach of the switch at m = 0 and sets the counter to 0 there,
+// unless the controller counts on. Where the controller says so it decelerates from there, and stands beyond its own zero.
 #pragma once
 
 #include <algorithm>
@@ -75,7 +75,9 @@ class AxisModel {
   /// @param overshoot where it comes to a halt after the switch was seen, from there; negative if
   /// the slow approach is a backward one. 0 = on the switch.
   /// @param then where it goes on to, from the switch, before the homing has ended.
-  void home(Time now, Ramp ramp, double overshoot = 0, std::optional<double> then = {});
+  /// @param zeroes false: the counter goes on counting, and is whatever it has counted at the end.
+  void home(Time now, Ramp ramp, double overshoot = 0, std::optional<double> then = {},
+            bool zeroes = true);
   /// Decelerates and halts; `immediate` halts on the spot.
   /// @param within_s how long that takes from any speed, if it is not the acceleration that counts.
   void stop(Time now, bool immediate = false, std::optional<double> within_s = {});
@@ -153,6 +155,7 @@ class AxisModel {
   double counter_zero_ = 0;            ///< motor position that counts as 0
   Ramp ramp_;
   bool homing_ = false, homed_ = false;
+  bool zeroes_ = true;  ///< the homing that is under way or was the last one
   bool never_ends_ = false;
   std::uint64_t moves_ = 0;
   Jam jam_ = Jam::kNone;

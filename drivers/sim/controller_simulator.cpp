@@ -176,8 +176,10 @@ void ControllerSimulator::flood(Time now) {
 }
 
 void ControllerSimulator::answer(std::string bytes, Time now) {
-  if (reply_delay_s_ == 0.0) return send(bytes);
-  answer_at(now + from_seconds(reply_delay_s_), std::move(bytes));
+  const Time delay = reply_delay();
+  if (delay == Time{0}) return send(bytes);
+  last_answer_ = std::max(last_answer_, now + delay);  // one after the other
+  answer_at(last_answer_, std::move(bytes));
 }
 
 void ControllerSimulator::answer_at(Time due, std::string bytes) {
@@ -282,7 +284,7 @@ void ControllerSimulator::send_deferred(AxisId id, std::string bytes) {
 
 void ControllerSimulator::answer(std::string reply, const std::optional<Fault>& fault, Time now) {
   if (!fault || reply.empty()) return answer(std::move(reply), now);
-  const Time due = now + from_seconds(fault->delay_s);
+  const Time due = now + reply_delay() + from_seconds(fault->delay_s);
   const std::string half = reply.substr(0, reply.size() / 2), rest = reply.substr(reply.size() / 2);
   switch (fault->kind) {
     case FaultKind::kGarbage:

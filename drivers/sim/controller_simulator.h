@@ -27,7 +27,8 @@ struct SimulatorSetup {
   std::map<AxisId, AxisTruth> truth;  ///< missing = ideal
   std::uint64_t seed = 0;
   ControllerConfig controller{};  ///< address, outputs, and what its manual leaves open
-  double reply_delay_s = 0.0;     ///< between a request and its answer
+  /// Between a request and its answer; missing = as the device takes.
+  std::optional<double> reply_delay_s{};
 };
 
 /// Keeps its state while clients come and go, as a controller does while its cable is plugged and
@@ -94,6 +95,8 @@ class ControllerSimulator : public Actor {
   virtual void power_up(Time now) = 0;
   /// What a refusal looks like. @param text as in the fault.
   virtual std::string refusal(const std::string& text) = 0;
+  /// What the device takes for the answer to the present request, unless the set-up says otherwise.
+  virtual Time own_reply_delay() { return Time{0}; }
   /// The line of the rig that was pulled took half a request with it.
   virtual void forget_input() = 0;
 
@@ -143,6 +146,9 @@ class ControllerSimulator : public Actor {
 
   AxisModel* model(std::optional<AxisId> id);
   void reset(Time now);
+  Time reply_delay() {
+    return reply_delay_s_ ? from_seconds(*reply_delay_s_) : own_reply_delay();
+  }
   void answer(std::string bytes, Time now);
   void answer_at(Time due, std::string bytes);
   void write(std::string_view bytes);
@@ -150,7 +156,8 @@ class ControllerSimulator : public Actor {
   void answer(std::string bytes, const std::optional<Fault>& fault, Time now);
 
   ControllerConfig config_;
-  double reply_delay_s_;
+  std::optional<double> reply_delay_s_;
+  Time last_answer_{0};  ///< when it is due
   std::vector<std::unique_ptr<AxisModel>> axes_;
   std::optional<Line> line_;
   std::vector<Armed> faults_;

@@ -7,13 +7,14 @@
 #include <bit>
 #include <charconv>
 #include <cmath>
-#include <limits>
+#include <map>
 #include <string>
 #include <string_view>
 #include <utility>
 
 #include "drivers/sim/modbus_framer.h"
 #include "src/core/errors.h"
+#include "src/core/random.h"
 
 namespace turntable::sim {
 namespace {
@@ -26,12 +27,29 @@ constexpr int kFirstHolding = 30050, kLastHolding = 30140;
 constexpr int kModel = 30001, kSerial = 30008, kFirmware = 30010;
 constexpr int kMoving = 30012, kBits = 30015, kPosition = 30016, kUnitNow = 30022;
 constexpr int kOpcode = 30050, kLastOfOpcode = 30053;
-constexpr int kAddress = 30069;
+constexpr int kOutputs = 30065, kOutputCount = 3;
+constexpr int kAddress = 30069, kBeeper = 30070, kBacklight = 30071;
+/// Registers that the manual reserves, of which nothing is said: they read 0 and take no writes.
+constexpr std::array<std::pair<int, int>, 2> kReserved{{{30054, 30058}, {30096, 30098}}};
+bool reserved(int number) {
+  return std::ranges::any_of(kReserved, [&](const auto& range) {
+    return number >= range.first && number <= range.second;
+  });
+}
 
 constexpr std::string_view kModelText = "ZC300-3A";
 constexpr std::uint32_t kSerialNumber = 26017;
 constexpr std::uint16_t kFirmwareTimesTen = 12;
 constexpr Time kSaveTime = milliseconds{1060};
+// As measured on a real device by its user: 57 to 73 ms between a request and its answer.
+constexpr double kFastestReply_s = 0.057, kSlowestReply_s = 0.073;
+/// How many of the motions that end make the controller miss the next request: a guess, as "one request
+/// is missed occasionally" is all that is known.
+constexpr double kMissed = 0.05;
+
+// Bounds of values, in pulses where they depend on the unit.
+constexpr double kMostPulses = 1e7, kMostLead = 1000, kMostRatio = 10000;
+constexpr double kLeastCoordinate = -99999999;
 
 /// Exception codes.
 enum Code : int {
@@ -61,8 +79,11 @@ struct Field {
     kPulsesPerRev,
     kStageType,
     kLead,
+    kRatio,
     kHomeSpeed,
     kHomeMode,
+    kMotionKind,
+    kMotionMode,
     kDistance,
     kStopMode,
     kInitialSpeed,
@@ -72,14 +93,17 @@ struct Field {
   int first, words;
   Item item;
 };
-constexpr std::array<Field, 13> kFields{{{30059, 2, Field::kCoordinate},
+constexpr std::array<Field, 16> kFields{{{30059, 2, Field::kCoordinate},
                                          {30066, 1, Field::kEnable},
                                          {30072, 1, Field::kUnit},
                                          {30075, 2, Field::kPulsesPerRev},
                                          {30081, 1, Field::kStageType},
                                          {30084, 2, Field::kLead},
+                                         {30090, 2, Field::kRatio},
                                          {30099, 2, Field::kHomeSpeed},
                                          {30105, 1, Field::kHomeMode},
+                                         {30108, 1, Field::kMotionKind},
+                                         {30111, 1, Field::kMotionMode},
                                          {30114, 2, Field::kDistance},
                                          {30120, 1, Field::kStopMode},
                                          {30123, 2, Field::kInitialSpeed},
@@ -118,28 +142,33 @@ int up_to(std::uint32_t raw, int least, int most) {
   return static_cast<int>(raw);
 }
 
-/// What is kept in flash. Speeds in pulses/s: in mm or deg they depend on unit and lead. These are
-/// the factory's, as far as they are known.
+/// What is kept in flash. Speeds in pulses/s and the distance in pulses: in mm or deg they depend on
+/// what makes the scale. These are the factory's, as far as they are known.
 struct Settings {
   int unit = 1;  ///< 0 pulses, 1 mm, 2 deg
   double pulses_per_rev = 1600;
   int stage_type = 0;  ///< 0 linear, 1 rotary
-  double lead = 4;
+  double lead = 4;     ///< mm per revolution, of a linear stage
+  double ratio = 1;    ///< revolutions of the motor to one of a rotary stage
   double initial_speed = 800, speed = 8000, acceleration = 12000, home_speed = 4000;
-  int home_mode = 3;  ///< 1 user's origin, 2 negative limit, 3 home switch
+  int home_mode = 3;       ///< 1 user's origin, 2 negative limit, 3 home switch
+  int motion_kind = 0x4A;  ///< 4Ah jog, 43h endless: of the keys on the front
+  int motion_mode = 0x52;  ///< 52h relative, 41h absolute: the same
+  double distance = 0;
   int stop_mode = 1;  ///< 0 immediate, 1 decelerates
 
-  /// Units per pulse.
-  double scale() const { return unit == 0 ? 1.0 : lead / pulses_per_rev; }
+  /// Units per pulse. Whether the lead counts for a rotary stage too is not known: here it does not.
+  double scale() const {
+    if (unit == 0) return 1.0;
+    return stage_type == 1 ? 360.0 / (pulses_per_rev * ratio) : lead / pulses_per_rev;
+  }
 };
 
 struct Channel {
   AxisModel* axis = nullptr;
   Settings set, saved;
   bool enabled = true;
-  double distance = 0;  ///< pulses
   bool running = false;
-  bool zero_at_end = false;            ///< on the way to the limit that is its home
   std::optional<double> coordinate{};  ///< pulses; while a write is being taken
 
   bool moving(Time now) const { return axis != nullptr && axis->moving(now); }
@@ -148,7 +177,9 @@ struct Channel {
   }
   Ramp ramp(double cruise) const {
     const double per_pulse = axis->per_step();
-    return {set.initial_speed * per_pulse, cruise * per_pulse, set.acceleration * per_pulse};
+    // A ramp from standstill: the slow part of a homing has to have some speed.
+    const double initial = set.initial_speed > 0 ? set.initial_speed : 0.1 * cruise;
+    return {initial * per_pulse, cruise * per_pulse, set.acceleration * per_pulse};
   }
 };
 
@@ -163,13 +194,18 @@ class Zc300 final : public ControllerSimulator {
   void power_up(Time now) override;
   std::string refusal(const std::string& text) override;
   void forget_input() override { framer_.forget(); }
+  Time own_reply_delay() override {
+    return from_seconds(
+        Random(seed_, "zc300 reply", requests_).uniform(kFastestReply_s, kSlowestReply_s));
+  }
 
  private:
   void take(const ModbusRequest& request, Time now);
   Request described(const ModbusRequest& request) const;
-  const OutputConfig* output_of(const ModbusRequest& request) const;
+  bool is_elsewhere(const ModbusRequest& request) const;
   std::string answer(const ModbusRequest& request, Time now);
-  std::string switched(const OutputConfig& output, const ModbusRequest& request);
+  std::string elsewhere(const ModbusRequest& request);
+  void tell_outputs(unsigned before, unsigned now);
   std::uint16_t word(int number, Time now) const;
   std::uint16_t status_bits(Time now) const;
   std::uint32_t raw(const Place& place, Time now) const;
@@ -187,14 +223,23 @@ class Zc300 final : public ControllerSimulator {
   std::array<Channel, 3> channels_;
   std::array<std::uint16_t, kLastHolding - kFirstHolding + 1> plain_{};  ///< without a meaning here
   int address_, saved_address_;
-  bool deaf_ = false;  ///< a motion has just ended
+  /// Of other slaves on the same bus, which an output of the rig file names: by slave and wire address.
+  std::map<std::pair<int, int>, std::uint16_t> others_;
+  std::uint64_t seed_;
+  std::uint64_t requests_ = 0, ends_ = 0;  ///< seen so far: what a draw is addressed by
+  bool deaf_ = false;  ///< a motion has just ended, and the next request is missed
 };
 
 Zc300::Zc300(const SimulatorSetup& setup)
     : ControllerSimulator(setup),
       framer_(setup.controller.line.kind == LineConfig::Kind::kModbusTcp),
       address_(setup.controller.address),
-      saved_address_(address_) {
+      saved_address_(address_),
+      seed_(setup.seed) {
+  for (const OutputConfig& output : setup.controller.outputs)
+    if (output.register_at && output.slave != address_)
+      others_[{output.slave, *output.register_at}] =
+          output.bit ? std::uint16_t{0} : output.off_value;
   for (const auto& axis : axes()) {
     const AxisConfig& config = axis->config();
     constexpr std::string_view kLetters = "XYZxyz";
@@ -209,7 +254,8 @@ Zc300::Zc300(const SimulatorSetup& setup)
     c.set.unit = rotary ? 2 : 1;
     c.set.stage_type = rotary ? 1 : 0;
     c.set.pulses_per_rev = config.steps_per_rev;
-    c.set.lead = rotary ? 360.0 / config.drive_ratio : config.lead_mm;
+    c.set.lead = rotary ? 360.0 : config.lead_mm;
+    c.set.ratio = rotary ? config.drive_ratio : 1.0;
     const double scale = c.set.scale();
     c.set.initial_speed = std::round(config.initial_speed / scale);
     c.set.speed = std::round(config.speed / scale);
@@ -233,8 +279,7 @@ void Zc300::happen(Time now) {
   for (Channel& c : channels_) {
     if (!c.running || c.moving(now)) continue;
     c.running = false;
-    deaf_ = true;
-    if (std::exchange(c.zero_at_end, false)) c.axis->set_counter(now, 0.0);
+    if (Random(seed_, "zc300 missed request", ends_++).uniform() < kMissed) deaf_ = true;
   }
 }
 
@@ -256,13 +301,10 @@ void Zc300::receive(std::string_view bytes, Time now) {
   while (const auto request = framer_.next()) take(*request, now);
 }
 
-/// The output of the rig file that this writes to; it may be on another slave of the same bus.
-const OutputConfig* Zc300::output_of(const ModbusRequest& request) const {
-  for (const OutputConfig& output : config().outputs)
-    if (output.slave == request.slave && output.register_at == request.address &&
-        (request.function == 6 || (request.function == 16 && request.count == 1)))
-      return &output;
-  return nullptr;
+/// Whether an output of the rig file is on that register of another slave on the same bus.
+bool Zc300::is_elsewhere(const ModbusRequest& request) const {
+  return others_.contains({request.slave, request.address}) && request.function >= 3 &&
+         (request.function <= 6 || request.function == 16);
 }
 
 ControllerSimulator::Request Zc300::described(const ModbusRequest& request) const {
@@ -289,13 +331,14 @@ ControllerSimulator::Request Zc300::described(const ModbusRequest& request) cons
 }
 
 void Zc300::take(const ModbusRequest& request, Time now) {
-  const OutputConfig* output = output_of(request);
-  if (request.slave != address_ && output == nullptr) return;
+  const bool other = request.slave != address_;
+  if (other && !is_elsewhere(request)) return;
   current_ = request;
+  ++requests_;
   serve(described(request), now, [&]() -> std::string {
-    if (request.slave == address_ && std::exchange(deaf_, false)) return {};
+    if (!other && std::exchange(deaf_, false)) return {};
     try {
-      return output != nullptr ? switched(*output, request) : answer(request, now);
+      return other ? elsewhere(request) : answer(request, now);
     } catch (const Refused& refused) {
       return framer_.exception(request, refused.code);
     }
@@ -311,12 +354,28 @@ std::string Zc300::refusal(const std::string& text) {
   return framer_.exception(current_, code);
 }
 
-std::string Zc300::switched(const OutputConfig& output, const ModbusRequest& request) {
-  if (request.values.size() != 1) throw Refused{kBadLength};
-  const std::uint16_t value = request.values[0];
-  if (value != output.on_value && value != output.off_value) throw Refused{kBadData};
-  switch_output(output.name, value == output.on_value);
+/// A relay box, say: one holding register.
+std::string Zc300::elsewhere(const ModbusRequest& request) {
+  std::uint16_t& word = others_.at({request.slave, request.address});
+  if (request.function == 3 && request.count == 1) return framer_.words(request, {&word, 1});
+  if ((request.function != 6 && request.function != 16) || request.values.size() != 1)
+    throw Refused{kUnknownFunction};
+  const std::uint16_t before = std::exchange(word, request.values[0]);
+  for (const OutputConfig& output : config().outputs) {
+    if (output.slave != request.slave || output.register_at != request.address) continue;
+    const bool on = (word & output.mask()) == output.bits(true);
+    if (on || (word & output.mask()) == output.bits(false))
+      if (!output.bit || ((before ^ word) & output.mask()) != 0) switch_output(output.name, on);
+  }
   return framer_.confirmation(request);
+}
+
+/// Those of the rig file that are on OUT1..3 and have changed.
+void Zc300::tell_outputs(unsigned before, unsigned now) {
+  for (const OutputConfig& output : config().outputs)
+    if (output.slave == config().address && output.register_at == kOutputs - 1 &&
+        ((before ^ now) & output.mask()) != 0)
+      switch_output(output.name, (now & output.mask()) == output.bits(true));
 }
 
 // ---- registers
@@ -418,12 +477,18 @@ std::uint32_t Zc300::raw(const Place& place, Time now) const {
       return static_cast<std::uint32_t>(s.stage_type);
     case Field::kLead:
       return bits_of(s.lead);
+    case Field::kRatio:
+      return bits_of(s.ratio);
     case Field::kHomeSpeed:
       return bits_of(s.home_speed * s.scale());
     case Field::kHomeMode:
       return static_cast<std::uint32_t>(s.home_mode);
+    case Field::kMotionKind:
+      return static_cast<std::uint32_t>(s.motion_kind);
+    case Field::kMotionMode:
+      return static_cast<std::uint32_t>(s.motion_mode);
     case Field::kDistance:
-      return bits_of(c.distance * s.scale());
+      return bits_of(s.distance * s.scale());
     case Field::kStopMode:
       return static_cast<std::uint32_t>(s.stop_mode);
     case Field::kInitialSpeed:
@@ -438,20 +503,22 @@ std::uint32_t Zc300::raw(const Place& place, Time now) const {
 
 void Zc300::set(Channel& c, Field::Item item, std::uint32_t raw, Time now) const {
   Settings& s = c.set;
-  const auto positive = [&] {
+  const auto between_0_and = [&](double most) {
     const double value = finite(raw);
-    if (value <= 0) throw Refused{kBadData};
+    if (value <= 0 || value >= most) throw Refused{kBadData};
     return value;
   };
-  const auto whole_pulses = [&] {
-    const double pulses = std::round(positive() / s.scale());
-    if (pulses < 1) throw Refused{kBadData};
+  const auto pulses_from = [&](double least) {
+    const double pulses = std::round(finite(raw) / s.scale());
+    if (pulses < least || pulses >= kMostPulses) throw Refused{kBadData};
     return pulses;
   };
   if (item != Field::kEnable && item != Field::kDistance && c.moving(now)) throw Refused{kIsMoving};
   switch (item) {
     case Field::kCoordinate:
       c.coordinate = std::round(finite(raw) / s.scale());
+      if (*c.coordinate <= kLeastCoordinate || *c.coordinate >= kMostPulses)
+        throw Refused{kBadData};
       break;
     case Field::kEnable:
       c.enabled = up_to(raw, 0, 1) == 1;
@@ -460,38 +527,53 @@ void Zc300::set(Channel& c, Field::Item item, std::uint32_t raw, Time now) const
       s.unit = up_to(raw, 0, 2);
       break;
     case Field::kPulsesPerRev:
-      s.pulses_per_rev = up_to(raw, 1, std::numeric_limits<int>::max());
+      s.pulses_per_rev = up_to(raw, 1, static_cast<int>(kMostPulses) - 1);
       break;
     case Field::kStageType:
       s.stage_type = up_to(raw, 0, 1);
       break;
     case Field::kLead:
-      s.lead = positive();
+      s.lead = between_0_and(kMostLead);
+      break;
+    case Field::kRatio:
+      s.ratio = between_0_and(kMostRatio);
       break;
     case Field::kHomeSpeed:
-      s.home_speed = whole_pulses();
+      s.home_speed = pulses_from(1);
+      if (s.home_speed >= s.speed) throw Refused{kBadData};
       break;
     case Field::kHomeMode:
       s.home_mode = up_to(raw, 1, 3);
+      break;
+    case Field::kMotionKind:
+      if (raw != 0x4A && raw != 0x43) throw Refused{kBadData};
+      s.motion_kind = static_cast<int>(raw);
+      break;
+    case Field::kMotionMode:
+      if (raw != 0x52 && raw != 0x41) throw Refused{kBadData};
+      s.motion_mode = static_cast<int>(raw);
       break;
     case Field::kDistance: {
       double value = finite(raw);
       if (value < 0) throw Refused{kBadData};  // the sign is a letter of the command
       if (s.unit != 0) value = std::trunc(value * 1000) / 1000;
-      c.distance = std::round(value / s.scale());
+      s.distance = std::round(value / s.scale());
+      if (s.distance >= kMostPulses) throw Refused{kBadData};
       break;
     }
     case Field::kStopMode:
       s.stop_mode = up_to(raw, 0, 1);
       break;
     case Field::kInitialSpeed:
-      s.initial_speed = whole_pulses();
+      s.initial_speed = pulses_from(0);
+      if (s.initial_speed > s.speed) throw Refused{kBadData};
       break;
     case Field::kSpeed:
-      s.speed = whole_pulses();
+      s.speed = pulses_from(1);
+      if (s.speed < s.initial_speed || s.speed <= s.home_speed) throw Refused{kBadData};
       break;
     case Field::kAcceleration:
-      s.acceleration = whole_pulses();
+      s.acceleration = pulses_from(1);
       break;
   }
 }
@@ -514,13 +596,21 @@ void Zc300::write(int first, const std::vector<std::uint16_t>& values, Time now)
       number = place->first + place->field->words - 1;
     } else if (number == kAddress) {
       address = up_to(written(number), 1, 255);
+    } else if (reserved(number)) {
+      throw Refused{kNoRegister};
     } else {
+      if (number == kOutputs) up_to(written(number), 0, (1 << kOutputCount) - 1);
+      if (number == kBeeper) up_to(written(number), 0, 1);
+      if (number == kBacklight) up_to(written(number), 0, 255);
       plain[static_cast<std::size_t>(number - kFirstHolding)] = written(number);
     }
   }
+  constexpr std::size_t kAt = kOutputs - kFirstHolding;
+  const unsigned before = plain_[kAt];
   channels_ = channels;
   plain_ = plain;
   address_ = address;
+  tell_outputs(before, plain_[kAt]);
   for (Channel& c : channels_) {
     const auto coordinate = std::exchange(c.coordinate, std::nullopt);
     if (c.axis == nullptr) continue;
@@ -545,15 +635,18 @@ std::string Zc300::command(const ModbusRequest& request, Time now) {
   const int opcode = block[0];
   if (opcode < 0x64 || opcode > 0x6D || opcode == 0x6A || opcode == 0x6B)
     throw Refused{kUnknownOpcode};
-  const bool motion = opcode <= 0x66 || opcode == 0x69;
+  const bool move = opcode <= 0x66;
   const bool stop = opcode == 0x67 || opcode == 0x68;
-  if (block.size() != (motion ? 3u : stop ? 2u : 1u)) throw Refused{kBadLength};
+  if (block.size() != (move ? 3u : stop || opcode == 0x69 ? 2u : 1u)) throw Refused{kBadLength};
   const std::string done = framer_.confirmation(request);
-  if (motion) {
+  if (move) {
     const std::vector<Channel*> channels = chosen(block[1]);
     if (block[2] != 'P' && block[2] != 'N') throw Refused{kBadData};
     begin(channels, opcode, block[2] == 'N' ? -1.0 : 1.0, now);
+  } else if (opcode == 0x69) {
+    begin(chosen(block[1]), opcode, 1.0, now);
   } else if (stop) {
+    if (opcode == 0x67 && block[1] == 0x30) throw Refused{kBadData};  // one axis at a time
     for (Channel* c : chosen(block[1]))
       if (c->axis != nullptr) c->axis->stop(now, opcode == 0x68);
   } else if (opcode == 0x6C) {
@@ -573,7 +666,7 @@ std::string Zc300::command(const ModbusRequest& request, Time now) {
 void Zc300::begin(const std::vector<Channel*>& channels, int opcode, double sign, Time now) {
   constexpr double kEndless = 1e9;  // pulses; the profile ends at the limit switch
   const auto target = [&](const Channel& c) {
-    const double way = sign * (opcode == 0x66 ? kEndless : c.distance);
+    const double way = sign * (opcode == 0x66 ? kEndless : c.set.distance);
     return opcode == 0x64 ? way : c.pulses(now) + way;
   };
   if (emergency_stop()) throw Refused{kEmergency};
@@ -589,13 +682,13 @@ void Zc300::begin(const std::vector<Channel*>& channels, int opcode, double sign
   for (Channel* c : channels) {
     AxisModel& axis = *c->axis;
     c->running = true;
-    c->zero_at_end = opcode == 0x69 && c->set.home_mode == 2;
     if (opcode != 0x69)
       axis.move_to(now, target(*c) * axis.per_step(), c->ramp(c->set.speed));
     else if (c->set.home_mode == 3)
-      axis.home(now, c->ramp(c->set.home_speed));
+      // No source says that this sets the counter to 0, so it does not.
+      axis.home(now, c->ramp(c->set.home_speed), 0, std::nullopt, false);
     else
-      axis.move_to(now, c->zero_at_end ? -kEndless * axis.per_step() : 0.0,
+      axis.move_to(now, c->set.home_mode == 2 ? -kEndless * axis.per_step() : 0.0,
                    c->ramp(c->set.home_speed));
   }
 }

@@ -170,6 +170,9 @@ class Reader {
       fail(at,
            "found a mixture, allowed: \"on\" and \"off\" as texts that the controller "
            "understands, or \"register\" with \"on\" and \"off\" as numbers.");
+    if (text && o.contains("bit"))
+      fail(at + "/bit",
+           "found with texts, allowed: with \"register\". Texts switch an output as they are.");
     if (text) {
       output.on_text = o.at("on");
       output.off_text = o.at("off");
@@ -178,6 +181,13 @@ class Reader {
       output.slave = o.value("slave", slave);
       output.on_value = o.at("on");
       output.off_value = o.at("off");
+      if (o.contains("bit")) {
+        output.bit = o.at("bit").get<int>();
+        if (output.on_value > 1 || output.off_value > 1 || output.on_value == output.off_value)
+          fail(at, fmt::format("found \"on\" {} and \"off\" {} of one bit, allowed: 1 and 0, or 0 "
+                               "and 1 for an output that is on when its bit is off.",
+                               output.on_value, output.off_value));
+      }
     }
     return output;
   }

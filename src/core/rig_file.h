@@ -46,15 +46,27 @@ struct LineConfig {
   std::uint16_t tcp_port = 0;
 };
 
-/// A digital output of a controller that fires the camera. No protocol page at hand documents one,
-/// so what switches it is the rig file's business: a line of text, or a holding register.
+/// A digital output of a controller that fires the camera. What switches it is the rig file's business:
+/// a line of text, a holding register, or one bit of a holding register whose other bits stay.
 struct OutputConfig {
   std::string name;
   std::string on_text, off_text;   ///< of controllers that speak text
   std::optional<int> register_at;  ///< wire address, of controllers that speak Modbus
   int slave = 1;
+  std::optional<int> bit;          ///< 0 to 15, of that register; the values are 0 and 1 then
   std::uint16_t on_value = 1, off_value = 0;
   double pulse_s = 0.01;
+
+  /// The bits of a register in which on and off differ, and their values: what is left of a register
+  /// whose other bits are other outputs.
+  std::uint16_t mask() const {
+    return bit ? static_cast<std::uint16_t>(1u << *bit)
+               : static_cast<std::uint16_t>(on_value ^ off_value);
+  }
+  std::uint16_t bits(bool on) const {
+    const unsigned value = on ? on_value : off_value;
+    return static_cast<std::uint16_t>((bit ? value << *bit : value) & mask());
+  }
 };
 
 struct ControllerConfig {

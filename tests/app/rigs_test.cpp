@@ -74,7 +74,7 @@ std::string triggered(const std::string& rig, const std::string& outputs) {
 
 TEST_F(Rigs, MayFireTheirCameraByAnOutputOfTheController) {
   const std::string by_text = R"({"on": "SetOutput 1,1", "off": "SetOutput 1,0", "pulse_ms": 2})",
-                    by_register = R"({"register": 30200, "on": 1, "off": 0, "pulse_ms": 2})";
+                    by_register = R"({"register": 30064, "bit": 1, "on": 1, "off": 0, "pulse_ms": 2})";
   ASSERT_EQ(run("scenarios/rigs/simulated.json", "software").code, 0);
   for (const auto& [rig, outputs] :
        {std::pair<std::string, std::string>{"simulated", by_text}, {"two_zc300", by_register}}) {

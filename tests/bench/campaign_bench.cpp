@@ -95,10 +95,10 @@ void campaign_time(benchmark::State& state, const std::string& rig_name, PoseOrd
       state.counters["time_to_bound"] = taken / bound;
       const double off = 100.0 * (promised - left) / left;
       state.counters[night] = off;
-      // The simulated rig is held to 5 % of both; the ZC300 misses a request after each motion, which
-      // costs a reply timeout and is not known before it was seen.
+      // The simulated rig is held to 5 % of both, and the ZC300, whose answers take 60 ms, to 10 %.
       const bool usual = rig_name == "simulated";
-      if (taken > (usual ? 1.05 : 1.8) * bound) return state.SkipWithError("far above its bound");
+      const double most = usual ? 1.05 : rig_name == "two_zc300" ? 1.1 : 1.8;
+      if (taken > most * bound) return state.SkipWithError("far above its bound");
       if (std::abs(off) > (usual || overheads_known ? 5.0 : 20.0))
         return state.SkipWithError("the estimate is off");
       overheads_known = true;

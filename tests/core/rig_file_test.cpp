@@ -278,5 +278,24 @@ TEST(RigFile, ThatIsNotThereIsNamed) {
   EXPECT_THROW(parse_rig_file("", "empty.json", kRigs), ConfigError);
 }
 
+TEST(RigFile, MayNameOneBitOfARegisterAsAnOutput) {
+  const auto outputs = [](const std::string& output) {
+    std::string text = text_of("lab_modbus_gige.json");
+    const std::string here = R"({"register": 30064, "bit": 0, "on": 1, "off": 0, "pulse_ms": 5})";
+    text.replace(text.find(here), here.size(), output);
+    return parse_rig_file(text, "rig.json", kRigs).controllers[0].outputs.at(0);
+  };
+  const OutputConfig third = outputs(R"({"register": 30064, "bit": 2, "on": 0, "off": 1})");
+  EXPECT_EQ(third.mask(), 4);
+  EXPECT_EQ(third.bits(true), 0);
+  EXPECT_EQ(third.bits(false), 4);
+  EXPECT_EQ(outputs(R"({"register": 30064, "on": 6, "off": 2})").mask(), 4);
+  for (const char* wrong : {R"({"register": 30064, "bit": 16, "on": 1, "off": 0})",
+                            R"({"register": 30064, "bit": 0, "on": 2, "off": 0})",
+                            R"({"register": 30064, "bit": 0, "on": 1, "off": 1})",
+                            R"({"bit": 0, "on": "Open", "off": "Close"})"})
+    EXPECT_THROW(outputs(wrong), ConfigError) << wrong;
+}
+
 }  // namespace
 }  // namespace turntable

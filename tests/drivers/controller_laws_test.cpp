@@ -178,8 +178,9 @@ TEST_P(EveryController, MovesIndependentAxesAtTheSameTime) {
       std::max({r->yaw().move_seconds({0}, {25}), r->roll().move_seconds({0}, {-20}),
                 r->stage().move_seconds({0}, {50})});
   if (GetParam().controller.answers_while_moving)
-    // A ZC300 misses a request at each end, and the last of them costs a reply timeout.
-    EXPECT_LT(took, longest + 0.6 + (model() == "zolix-zc300" ? 0.2 : 0.0));
+    // A ZC300 takes 60 ms for each answer, of which the last axis waits for ten before it starts, and may
+    // miss a request.
+    EXPECT_LT(took, longest + 0.6 + (model() == "zolix-zc300" ? 1.2 : 0.0));
   else  // it hears nothing while one of its axes moves: one after the other
     EXPECT_LT(took, 2.5 * longest + 2.0);
 }
@@ -333,7 +334,9 @@ TEST_P(EveryController, AStopFromAnotherThreadGoesOutWithinOnePollInterval) {
       EXPECT_FALSE(seen && request.kind == "move") << nth;
     }
     ASSERT_TRUE(seen) << nth;
-    EXPECT_LE(stopped - other.asked, std::chrono::milliseconds{40}) << nth;
+    // The line is free when the answer that is on its way has come: two of a ZC300's at most.
+    EXPECT_LE(stopped - other.asked, std::chrono::milliseconds{model() == "zolix-zc300" ? 160 : 40})
+        << nth;
   }
 }
 

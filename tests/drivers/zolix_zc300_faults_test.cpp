@@ -61,7 +61,7 @@ class Zc300Faults : public ::testing::Test, protected SimulatedZc300 {
   void power_cycle() {
     simulator->add_fault({.kind = FaultKind::kReset, .verb = "status"});
     yaw().position();
-    clock.sleep_for(std::chrono::milliseconds{1});
+    clock.sleep_for(std::chrono::seconds{1});  // it takes its time to come up
   }
   double undisturbed() {
     SimulatedZc300 rig;
@@ -252,12 +252,27 @@ TEST_F(Zc300Faults, AResetIsNotTakenForAHomedAxis) {
   }
 }
 
-TEST_F(Zc300Faults, APowerCycleAtTheLastMomentMovesNothing) {
+TEST_F(Zc300Faults, APowerCycleBeforeTheCommandMovesNothing) {
   move(yaw(), 10);
   const std::size_t commands = count("move");
-  fault({.kind = FaultKind::kReset, .verb = "get", .nth = 2});  // target read back, then the token
-  EXPECT_THAT(fails_to_move<DeviceError>(-5), HasSubstr("stands at 0 and no more at 10"));
+  fault({.kind = FaultKind::kReset, .verb = "set"});  // the target is written
+  EXPECT_THAT(fails_to_move<DeviceError>(-5), HasSubstr("switched off and on"));
   EXPECT_EQ(count("move"), commands);
+  expect_recovery();
+}
+
+TEST_F(Zc300Faults, AHomingThatEndedSomewhereElseIsNotMadeZero) {
+  roll().home();
+  move(yaw(), 20);
+  fault({.kind = FaultKind::kLimitHit, .verb = "home", .delay_s = 0.3});
+  try {
+    yaw().home();
+    ADD_FAILURE();
+  } catch (const DeviceError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("ended on a limit switch"));
+  }
+  EXPECT_FALSE(yaw().homed());
+  EXPECT_GT(counter(AxisId::kYaw), 5);  // counts as before
   expect_recovery();
 }
 
@@ -292,6 +307,7 @@ TEST_F(Zc300Faults, APowerCycleIsNoticedByEveryAxis) {
 TEST_F(Zc300Faults, SettingsThatAPowerCycleTookBackMoveNothing) {
   std::vector<AxisConfig> flash = zc300_axes();
   flash[1].speed = 5;
+  flash[1].home_speed = 2;
   flash[1].drive_ratio = 90;
   SimulatedZc300 rig({.real = flash, .truth = {}});
   rig.controller->configure();
@@ -306,7 +322,7 @@ TEST_F(Zc300Faults, SettingsThatAPowerCycleTookBackMoveNothing) {
     ADD_FAILURE();
   } catch (const DeviceError& error) {
     EXPECT_THAT(error.what(), HasSubstr("switched off and on, and is now set up differently"));
-    EXPECT_THAT(error.what(), HasSubstr("register 30086 (lead): wanted 2, found 4"));
+    EXPECT_THAT(error.what(), HasSubstr("register 30092 (drive ratio): wanted 180, found 90"));
   }
   EXPECT_EQ(rig.count("home") + rig.count("move"), commands);
   EXPECT_THROW(rig.yaw().home(), DeviceError);
@@ -439,18 +455,22 @@ TEST_F(Zc300Faults, RandomFaultsEndInTheRightPlaceOrInAnError) {
       if (stuck) continue;
       // The second fault may still strike on the way back: a few attempts.
       bool back = false;
-      for (int attempt = 0; attempt < 4 && !back; ++attempt) try {
+      std::string why;
+      for (int attempt = 0; attempt < 6 && !back; ++attempt) try {
           if (!rig.simulator->plugged()) rig.plug();
-          if (!rig.controller->connect().empty()) ADD_FAILURE() << k;
+          // Modbus TCP has no check of its own: a byte that was spoilt there is a difference, once.
+          if (const auto found = rig.controller->connect(); !found.empty())
+            throw DeviceError(found.front());
           rig.controller->stop_all();
           rig.yaw().home();
           EXPECT_NEAR(rig.move(rig.yaw(), 3).position.value, 3, 0.002) << k;
           EXPECT_NEAR(rig.truth(AxisId::kYaw), 3, 0.002) << k;
           back = true;
-        } catch (const Error&) {
+        } catch (const Error& error) {
+          why += fmt::format("\n  {}", error.what());
           rig.simulator->clear_trouble();
         }
-      EXPECT_TRUE(back) << k;
+      EXPECT_TRUE(back) << k << why;
     }
   }
   EXPECT_GT(arrived, 100);

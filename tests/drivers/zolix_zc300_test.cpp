@@ -78,7 +78,8 @@ class Zc300Bytes : public ::testing::Test {
     ControllerConfig config = zc300_config();
     OutputConfig output;
     output.name = "shutter";
-    output.register_at = 0x7600;
+    output.register_at = 30064;
+    output.bit = 0;
     config.outputs = {output};
     controller =
         open_zolix_zc300({config, {rotary_axis(AxisId::kYaw, "Y")}, std::move(ends.first), &clock});
@@ -95,7 +96,8 @@ class Zc300Bytes : public ::testing::Test {
                                                          {30121, 1},
                                                          {30067, 1}})
       peer.words[number] = static_cast<std::uint16_t>(word);
-    peer.put(30086, 2);
+    peer.put(30086, 360);
+    peer.put(30092, 180);
     peer.put(30125, 1);
     peer.put(30131, 25);
     peer.put(30137, 50);
@@ -124,61 +126,69 @@ class Zc300Bytes : public ::testing::Test {
 };
 
 const std::string kReadStatus = "0104753b000a1bcc";
-const std::string kReadToken = "0103756500018e19";
-const std::string kReadTarget = "010375a300022e25";
+const std::string kReadTargets = "010375a1001b4e2f";  // 30114..30140
+const std::string kReadFirst = "01037571001e8fd5", kReadSecond = "01037592002a7ff4";
 const std::string kMoveUp = "01107561000306006400320050dfcd";
 const std::string kMoveDown = "0110756100030600640032004e5fc5";
-const std::string kGoHome = "0110756100030600690032004e7204";
+const std::string kGoHome = "01107561000204006900323f10";
 const std::string kStop = "01107561000204006700325ed3";
 
 TEST_F(Zc300Bytes, ConnectingAsksAndChangesNothing) {
   EXPECT_THAT(controller->connect(), ElementsAre());
   EXPECT_THAT(controller->identity(), HasSubstr("ZC300-3A serial 26017 firmware 1.2"));
-  EXPECT_THAT(peer.heard, ElementsAre("01047530000a6a0e", "0103757800011e1f", "0103757c00021fdf",
-                                      "010375810001ce2e", "010375850002cfee", "010375ac00021e26",
-                                      "010375b200027e20", "010375b800025e22", "0103759400029feb",
-                                      "0103759900014e29", "010375a800011fe6", "0103757200013e1d"));
+  EXPECT_THAT(peer.heard, ElementsAre("01047530000a6a0e", kReadFirst, kReadSecond));
 }
 
-TEST_F(Zc300Bytes, ConfiguringWritesTheSetUpAndReadsItBack) {
+TEST_F(Zc300Bytes, ConfiguringWritesWhatDiffersAndReadsItBack) {
+  for (int number = 30066; number <= 30140; ++number) peer.words[number] = 0;
   controller->configure();
-  ASSERT_EQ(peer.heard.size(), 23u);
-  peer.heard.resize(11);
-  EXPECT_THAT(peer.heard,
-              ElementsAre("010675780002921e",            // deg
-                          "0110757c00020400000640ac1c",  // 1600
-                          "010675810001022e",            // rotary
-                          "011075850002044000000074a2",  // 360 / 180
-                          "011075ac0002043f800000aeec",  // 1
-                          "011075b200020441c80000b652",  // 25
-                          "011075b8000204424800003781",  // 50
-                          "0110759400020440a00000b440",  // 5
-                          "01067599000303e8",            // home switch
-                          "010675a80001d3e6",            // decelerates
-                          "010675720001f21d"));          // enabled
+  EXPECT_THAT(peer.heard, ElementsAre(kReadFirst, kReadSecond,
+                                      "010675780002921e",            // deg
+                                      "0110757c00020400000640ac1c",  // 1600
+                                      "010675810001022e",            // rotary
+                                      "0110758500020443b4000034c0",  // the lead: 360
+                                      "0110758b00020443340000b4a4",  // the ratio: 180
+                                      kReadFirst, kReadSecond,
+                                      "011075b200020441c80000b652",  // the cruise speed first: 25
+                                      "011075ac0002043f800000aeec",  // 1
+                                      "0110759400020440a00000b440",  // 5
+                                      "011075b8000204424800003781",  // 50
+                                      "01067599000303e8",            // home switch
+                                      "010675a80001d3e6",            // decelerates
+                                      "010675720001f21d",            // enabled
+                                      "01047530000a6a0e", kReadFirst, kReadSecond));
+  peer.heard.clear();
+  controller->configure();
+  for (const std::string& frame : peer.heard)  // nothing differs any more
+    EXPECT_TRUE(frame.starts_with("0103") || frame.starts_with("0104")) << frame;
 }
 
 TEST_F(Zc300Bytes, HomesMovesAndStopsInTheManualsWords) {
   controller->connect();
   peer.heard.clear();
   yaw().home();
-  EXPECT_THAT(peer.heard, ElementsAre(kReadStatus, kReadToken, "0106756500014219", kReadStatus,
-                                      kGoHome, kReadStatus, kReadToken, kReadStatus, kReadToken));
-  EXPECT_THAT(started(12.345), ElementsAre(kReadToken, "011075a3000204413d8529c5ee", kReadTarget,
-                                           kReadToken, kReadStatus, kMoveUp));
+  EXPECT_THAT(peer.heard, ElementsAre(kReadStatus, kReadTargets,
+                                      "011075b80002044247f5c30083",  // 49.99: the mark
+                                      kReadTargets, kGoHome, kReadStatus, kReadTargets, kReadStatus,
+                                      kReadStatus, kReadTargets,
+                                      "0110756c00020400000000af40",  // counts as 0
+                                      "0103756c00021e1a", kReadStatus));
+  EXPECT_THAT(started(12.345), ElementsAre("011075a3000204413d8529c5ee", kReadTargets, kMoveUp));
   // The sign is a letter, the number a magnitude to 0.001 and a little more.
-  EXPECT_THAT(started(-5.00125), ElementsAre(kReadToken, "011075a300020440b008467145", kReadTarget,
-                                             kReadToken, kReadStatus, kMoveDown));
-  EXPECT_THAT(started(0), ElementsAre(kReadToken, "011075a30002043f0000a8eefa", kReadTarget,
-                                      kReadToken, kReadStatus, kMoveDown));
+  EXPECT_THAT(started(-5.00125),
+              ElementsAre("011075a300020440b008467145", kReadTargets, kMoveDown));
+  EXPECT_THAT(started(0), ElementsAre("011075a30002043f0000a8eefa", kReadTargets, kMoveDown));
   peer.heard.clear();
   yaw().stop();
   EXPECT_EQ(peer.heard.at(0), kStop);
 }
 
-TEST_F(Zc300Bytes, SwitchesAnOutput) {
+TEST_F(Zc300Bytes, SwitchesAnOutputAndLeavesTheOthers) {
+  peer.words[30065] = 4;
   controller->pulse_output("shutter");
-  EXPECT_THAT(peer.heard, ElementsAre("0106760000015242", "0106760000009382"));
+  EXPECT_THAT(peer.heard, ElementsAre("0103757000019fdd", "010675700005521e", "0103757000019fdd",
+                                      "01067570000493de"));
+  EXPECT_EQ(peer.words[30065], 4);
 }
 
 TEST_F(Zc300Bytes, NamesWhatDiffersAndMovesNothing) {
@@ -188,7 +198,7 @@ TEST_F(Zc300Bytes, NamesWhatDiffersAndMovesNothing) {
   peer.words[30067] = 0;
   EXPECT_THAT(controller->connect(),
               ElementsAre("yaw: register 30073 (unit): wanted 2, found 0",
-                          "yaw: register 30086 (lead): wanted 2, found 4",
+                          "yaw: register 30086 (lead): wanted 360, found 4",
                           "yaw: register 30131 (cruise speed): wanted 25, found 20",
                           "yaw: register 30067 (enable): wanted 1, found 0"));
   peer.heard.clear();
@@ -203,6 +213,7 @@ TEST_F(Zc300Bytes, NamesEachSettingThatDiffers) {
                                                                {30077, "pulses per revolution"},
                                                                {30082, "stage type"},
                                                                {30086, "lead"},
+                                                               {30092, "drive ratio"},
                                                                {30125, "initial speed"},
                                                                {30131, "cruise speed"},
                                                                {30137, "acceleration"},
@@ -305,6 +316,34 @@ TEST_F(Zc300Bytes, LooksAtTheBitsOfItsOwnAxis) {
   yaw().stop();
 }
 
+TEST(Zc300Setup, RefusesWhatTheControllerWouldBeforeAnyByteLeaves) {
+  ManualClock clock;
+  const auto refused = [&](auto change) {
+    AxisConfig axis = rotary_axis(AxisId::kYaw, "Y");
+    change(axis);
+    return message_of<ConfigError>([&] {
+      open_controller({zc300_config(), {axis}, line_pair("line").first, &clock});
+    });
+  };
+  EXPECT_THAT(refused([](AxisConfig& a) { a.steps_per_rev = 1e7; }),
+              AllOf(HasSubstr("/axes/yaw"), HasSubstr("pulses per revolution 10000000")));
+  EXPECT_THAT(refused([](AxisConfig& a) { a.steps_per_rev = 1600.5; }), HasSubstr("whole numbers"));
+  EXPECT_THAT(refused([](AxisConfig& a) { a.drive_ratio = 10000; }), HasSubstr("drive ratio"));
+  EXPECT_THAT(refused([](AxisConfig& a) { a.speed = 12500; }), HasSubstr("below 10^7 pulses"));
+  EXPECT_THAT(refused([](AxisConfig& a) { a.initial_speed = 26; }), HasSubstr("initial speed"));
+  EXPECT_THAT(refused([](AxisConfig& a) { a.home_speed = 25; }), HasSubstr("below the speed, 25"));
+  EXPECT_THAT(refused([](AxisConfig& a) { a.acceleration = 12500; }), HasSubstr("acceleration"));
+  OutputConfig output;
+  output.name = "camera";
+  output.register_at = 30200;
+  ControllerConfig config = zc300_config();
+  config.outputs = {output};
+  EXPECT_THAT(message_of<ConfigError>([&] {
+                open_controller({config, {linear_axis("X")}, line_pair("line").first, &clock});
+              }),
+              AllOf(HasSubstr("/controllers/zc300/outputs/camera"), HasSubstr("register 30064")));
+}
+
 TEST(Zc300Setup, NamesWhatARigFileHasWrong) {
   ManualClock clock;
   const auto open = [&](std::vector<AxisConfig> axes, std::vector<OutputConfig> outputs = {}) {
@@ -342,7 +381,7 @@ TEST_F(ZolixZc300, ConfiguresWhatDiffersAndSavesNothing) {
   real[1].lead_mm = 4;
   real[2].speed = 10;
   SimulatedZc300 rig({.real = real});
-  EXPECT_EQ(rig.controller->connect().size(), 5u);
+  EXPECT_EQ(rig.controller->connect().size(), 6u);
   rig.controller->configure();
   EXPECT_THAT(rig.controller->connect(), ElementsAre());
   EXPECT_EQ(rig.count("0x6D"), 0u);
@@ -376,6 +415,7 @@ TEST_F(ZolixZc300, StaysWithinAPulseWhereThePulsesAreFinerThanTheTargets) {
   std::vector<AxisConfig> other = zc300_axes();
   other[0].lead_mm = 1;
   other[0].speed = 5;
+  other[0].home_speed = 2;
   other[0].tolerance = 0.000625;
   SimulatedZc300 rig({.axes = other});
   rig.controller->connect();
@@ -390,7 +430,7 @@ TEST_F(ZolixZc300, StaysWithinAPulseWhereThePulsesAreFinerThanTheTargets) {
   }
 }
 
-TEST_F(ZolixZc300, FoldsTheRatioOfARotaryAxisIntoItsLead) {
+TEST_F(ZolixZc300, SetsTheRatioOfARotaryAxis) {
   std::vector<AxisConfig> other = zc300_axes();
   other[1].drive_ratio = 90;
   other[1].steps_per_rev = 3200;
@@ -469,20 +509,47 @@ TEST_F(ZolixZc300, MovesTwoAxesThatEndAtDifferentTimesWithoutLosingACommand) {
   EXPECT_EQ(rig.count("move") - before, legs);
 }
 
-TEST_F(ZolixZc300, LosesOneReplyTimeoutPerLegAndNoMore) {
-  for (const double timeout : {0.2, 1.0}) {
-    ControllerConfig config_of_rig = zc300_config();
-    config_of_rig.reply_timeout_s = timeout;
-    SimulatedZc300 rig({.config = config_of_rig});
-    rig.ready();
-    const Time before = rig.clock.now();
-    rig.move(rig.yaw(), 10);
-    const double took = seconds(rig.clock.now() - before);
-    const double motion = rig.yaw().move_seconds(Degrees{0}, Degrees{10});
-    EXPECT_GT(took, motion + 0.1 + 2 * timeout);
-    EXPECT_LT(took,
-              motion + 0.1 + 2 * (timeout + 0.15));  // a poll or two, and the line to be quiet
+TEST_F(ZolixZc300, SendsItsFirstMotionSoonThoughEachAnswerTakes60Ms) {
+  SimulatedZc300 rig({.reply_delay_s = std::nullopt});
+  const Time before = rig.clock.now();
+  rig.controller->connect();
+  rig.yaw().home();
+  const auto first = [&](const std::string& kind) {
+    return std::ranges::find(rig.simulator->requests(), kind,
+                             &sim::ControllerSimulator::Request::kind)
+        ->at;
+  };
+  const double home_after = seconds(first("home") - before);
+  RecordProperty("first_home_opcode_s", std::to_string(home_after));
+  EXPECT_LT(home_after, 0.65);
+  const Time asked = rig.clock.now();
+  rig.yaw().start(Degrees{10});
+  EXPECT_LT(seconds(first("move") - asked), 0.3);
+  while (!rig.yaw().advance()) {
   }
+  EXPECT_NEAR(rig.truth(AxisId::kYaw), 10, 1e-9);
+}
+
+TEST_F(ZolixZc300, ReadsTheStatusOfAllAxesAtOnce) {
+  SimulatedZc300 rig({.reply_delay_s = std::nullopt});
+  rig.ready();
+  rig.roll().home();
+  rig.stage().home();
+  rig.yaw().start(Degrees{20});
+  rig.roll().start(Degrees{20});
+  rig.stage().start(Millimetres{20});
+  const std::size_t before = rig.count("status");
+  const Time began = rig.clock.now();
+  while (seconds(rig.clock.now() - began) < 0.6) {
+    rig.yaw().advance();
+    rig.roll().advance();
+    rig.stage().advance();
+  }
+  EXPECT_LT(rig.count("status") - before, 10u);  // one for each 100 ms, and not three
+  wait_all(rig.yaw(), rig.roll(), rig.stage());
+  EXPECT_NEAR(rig.truth(AxisId::kYaw), 20, 1e-9);
+  EXPECT_NEAR(rig.truth(AxisId::kRoll), 20, 1e-9);
+  EXPECT_NEAR(rig.truth(AxisId::kStage), 20, 1e-9);
 }
 
 TEST_F(ZolixZc300, HoldsACommandBackAroundTheEndOfAnotherMotion) {

@@ -29,7 +29,7 @@ struct SimulatedZc300 {
     std::vector<AxisConfig> real{};  ///< how the simulated controller is set up; empty = the same
     std::map<AxisId, AxisTruth> truth{};
     ControllerConfig config = zc300_config();
-    double reply_delay_s = 0.0;
+    std::optional<double> reply_delay_s = 0.0;  ///< nothing = as slow as a real one
   };
   SimulatedZc300() : SimulatedZc300(Options{}) {}
   explicit SimulatedZc300(Options options) : axes(options.axes), config(options.config) {
