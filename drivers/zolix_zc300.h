@@ -43,9 +43,10 @@ std::string identify_zolix_zc300(SharedLine line, Clock& clock);
 
 /// What this driver assumes and nobody has confirmed: `ControllerModel::unconfirmed`.
 inline constexpr std::array kUnconfirmedZc300{
-    std::string_view{"An axis is taken as homed when its moving flag falls after the homing, no "
-                     "limit switch is on and the controller was not switched off meanwhile; the "
-                     "home switch bit is not heeded, as it floats high where nothing is wired."},
+    std::string_view{
+        "An axis is taken as homed when its moving flag falls after the homing, no limit switch is "
+        "on and the controller was not switched off meanwhile; its home switch bit counts only "
+        "where it has shown both levels, as it floats high where nothing is wired."},
     std::string_view{
         "Of a rotary axis the drive ratio (30090) makes the scale, 360 / (pulses per revolution x "
         "ratio) degrees per pulse; whether the controller uses the lead (30084) as well is "
@@ -56,7 +57,7 @@ inline constexpr std::array kUnconfirmedZc300{
         "motion after 64h (it had written the target elsewhere)."},
     std::string_view{"The distance of a move to 0 is sent as 0.00001, which the manual's range "
                      "(more than 0 pulses) may refuse."},
-    std::string_view{"A change of the acceleration by some thousandths, which a power cycle takes "
+    std::string_view{"An acceleration that is 0.02 to 0.06 % lower, which a power cycle takes "
                      "back, is how the program notices that the controller was switched off; "
                      "nobody has tried it, and a saving to flash by another program hides it."},
     std::string_view{
