@@ -23,7 +23,7 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-constexpr double kPulse = 0.00125;
+constexpr double kDrivePulse = 0.00125;
 
 class ForeignLeadshine : public ::testing::TestWithParam<DriveManners> {
  protected:
@@ -48,7 +48,7 @@ class ForeignLeadshine : public ::testing::TestWithParam<DriveManners> {
     }
     return yaw().arrival();
   }
-  double degrees() { return peer.position(clock.now()) * kPulse; }
+  double degrees() { return peer.position(clock.now()) * kDrivePulse; }
 
   ManualClock clock;
   LeadshinePeer peer;
@@ -76,7 +76,7 @@ TEST_P(ForeignLeadshine, IsSetUpHomedMovedAndStopped) {
   EXPECT_NEAR(degrees(), 0, 1e-9);
   for (const double to : {12.345, -5.0, 20.0}) {
     EXPECT_FALSE(move(to).missed);
-    EXPECT_NEAR(degrees(), to, kPulse / 2 + 1e-9);
+    EXPECT_NEAR(degrees(), to, kDrivePulse / 2 + 1e-9);
   }
   yaw().start(Degrees{-20});
   clock.sleep_for(milliseconds{300});
@@ -84,7 +84,7 @@ TEST_P(ForeignLeadshine, IsSetUpHomedMovedAndStopped) {
   EXPECT_FALSE(peer.running(clock.now()));
   EXPECT_GT(degrees(), -19);
   move(-3);
-  EXPECT_NEAR(degrees(), -3, kPulse / 2 + 1e-9);
+  EXPECT_NEAR(degrees(), -3, kDrivePulse / 2 + 1e-9);
   EXPECT_EQ(std::ranges::count(peer.triggers, 0x20), 1);
 }
 
