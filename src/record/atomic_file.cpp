@@ -23,16 +23,29 @@ namespace {
       fmt::format("{}: {} failed: {}.{}", file.string(), what, std::strerror(error), advice));
 }
 
+/// A call that a signal interrupted is made again.
+template <class Call>
+auto uninterrupted(Call&& call) {
+  for (;;) {
+    const auto result = call();
+    if (result != -1 || errno != EINTR) return result;
+  }
+}
+
 }  // namespace
 
+/// Some file systems sync files but know nothing of folders (shared folders of virtual machines, CIFS
+/// before Linux 4.17): they say EINVAL or ENOTSUP. What they keep they keep; EIO is another matter.
 void sync_folder(const std::filesystem::path& folder) {
   const std::filesystem::path where = folder.empty() ? "." : folder;
-  const int fd = ::open(where.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  const int fd =
+      uninterrupted([&] { return ::open(where.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC); });
   if (fd < 0) fail(where, "opening the folder", errno);
-  const int result = ::fsync(fd);
+  const int result = uninterrupted([&] { return ::fsync(fd); });
   const int error = errno;
   ::close(fd);
-  if (result != 0) fail(where, "syncing the folder", error);
+  if (result != 0 && error != EINVAL && error != ENOTSUP && error != ENOSYS)
+    fail(where, "syncing the folder", error);
 }
 
 StagedFile::StagedFile(const std::filesystem::path& file, std::string_view bytes)
@@ -40,12 +53,12 @@ StagedFile::StagedFile(const std::filesystem::path& file, std::string_view bytes
 
 StagedFile::StagedFile(const std::filesystem::path& file, const ByteSource& source)
     : target_(file), temporary_(file.string() + fmt::format(".tmp{}", ::getpid())) {
-  int fd = ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+  int fd = uninterrupted(
+      [&] { return ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644); });
   if (fd < 0) fail(target_, "creating it", errno);
   const auto write = [&](std::string_view bytes) {
     while (!bytes.empty()) {
-      const ssize_t n = ::write(fd, bytes.data(), bytes.size());
-      if (n < 0 && errno == EINTR) continue;
+      const ssize_t n = uninterrupted([&] { return ::write(fd, bytes.data(), bytes.size()); });
       if (n < 0) fail(target_, "writing", errno);
       bytes.remove_prefix(static_cast<std::size_t>(n));
     }
@@ -64,8 +77,9 @@ StagedFile::StagedFile(const std::filesystem::path& file, const ByteSource& sour
         small += bytes;
     });
     write(small);
-    if (::fsync(fd) != 0) fail(target_, "syncing", errno);
-    if (::close(std::exchange(fd, -1)) != 0) fail(target_, "closing", errno);
+    if (uninterrupted([&] { return ::fsync(fd); }) != 0) fail(target_, "syncing", errno);
+    // Linux has closed it all the same when a signal interrupts that.
+    if (::close(std::exchange(fd, -1)) != 0 && errno != EINTR) fail(target_, "closing", errno);
   } catch (...) {
     if (fd >= 0) ::close(fd);
     ::unlink(temporary_.c_str());
@@ -81,7 +95,8 @@ StagedFile::~StagedFile() {
 }
 
 void StagedFile::commit() {
-  if (::rename(temporary_.c_str(), target_.c_str()) != 0) fail(target_, "renaming", errno);
+  if (uninterrupted([&] { return ::rename(temporary_.c_str(), target_.c_str()); }) != 0)
+    fail(target_, "renaming", errno);
   temporary_.clear();
 }
 

@@ -118,7 +118,10 @@ void Journal::append(std::string_view name, const Json& doc) {
 }
 
 void Journal::sync() {
-  if (::fdatasync(fd_) != 0) fail_recording(file_, "syncing", errno);
+  int result = 0;
+  do result = ::fdatasync(fd_);
+  while (result != 0 && errno == EINTR);
+  if (result != 0) fail_recording(file_, "syncing", errno);
 }
 
 JournalReadout read_journal(const std::filesystem::path& file,

@@ -121,7 +121,7 @@ struct SessionTelemetry {
 
 /// A person or a channel made the run wait, or let it go on.
 struct Interruption {
-  std::string what;  ///< "pause", "suspend", "resume"
+  std::string what;  ///< "pause", "suspend", "resume", "sleep"
   std::string reason;
   std::string utc;
   /// Of the last pose or reading before it: what a suspension is decided by. Nothing if there is none.
