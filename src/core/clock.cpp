@@ -3,6 +3,7 @@
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <poll.h>
+#include <time.h>
 
 #include <algorithm>
 #include <thread>
@@ -17,6 +18,16 @@ using std::chrono::milliseconds;
 // A wait is cut into slices so that an urgent stop is seen soon whichever thread got the signal.
 constexpr milliseconds kSlice{20};
 
+/// Linux' monotonic clock stands still while the computer sleeps; its boot-time clock does not.
+Time time_asleep() {
+  const auto read = [](clockid_t clock) {
+    timespec t{};
+    ::clock_gettime(clock, &t);
+    return std::chrono::seconds{t.tv_sec} + std::chrono::nanoseconds{t.tv_nsec};
+  };
+  return read(CLOCK_BOOTTIME) - read(CLOCK_MONOTONIC);
+}
+
 bool readable(int fd, milliseconds wait) {
   pollfd p{fd, POLLIN, 0};
   return fd >= 0 && ::poll(&p, 1, static_cast<int>(wait.count())) > 0;
@@ -24,7 +35,15 @@ bool readable(int fd, milliseconds wait) {
 
 }  // namespace
 
-SystemClock::SystemClock(double speed) : start_(std::chrono::steady_clock::now()), speed_(speed) {}
+SystemClock::SystemClock(double speed)
+    : start_(std::chrono::steady_clock::now()), asleep_at_start_(time_asleep()), speed_(speed) {}
+
+Time SystemClock::asleep() const {
+  // The two clocks are read one after the other.
+  constexpr Time kLeast = milliseconds{100};
+  const Time wall = time_asleep() - asleep_at_start_;
+  return wall < kLeast ? Time{0} : from_seconds(speed_ * seconds(wall));
+}
 
 Time SystemClock::now() const {
   const Time wall = std::chrono::steady_clock::now() - start_;

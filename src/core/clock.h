@@ -30,6 +30,8 @@ class Clock {
   /// @return true if a read would not block.
   virtual bool wait_readable(int fd, Time deadline) = 0;
   virtual void sleep_until(Time deadline) = 0;
+  /// How long the computer has slept since the clock's start: time that `now` does not count.
+  virtual Time asleep() const { return Time{0}; }
   void sleep_for(Time duration) { sleep_until(now() + duration); }
 };
 
@@ -42,11 +44,13 @@ class SystemClock final : public Clock {
   Time now() const override;
   bool wait_readable(int fd, Time deadline) override;
   void sleep_until(Time deadline) override;
+  Time asleep() const override;
   /// How long that is by the wall, at most 20 ms.
   std::chrono::milliseconds slice_of(Time wait) const;
 
  private:
   std::chrono::steady_clock::time_point start_;
+  Time asleep_at_start_;
   double speed_;
 };
 

@@ -4,6 +4,7 @@
 
 #include <functional>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -36,9 +37,9 @@ struct Rig {
   /// For whoever waits while the axes stand: keeps lines open that are closed when nobody uses them.
   /// Empty = nothing to keep.
   std::function<void()> keep_alive;
-  /// A person vouches that every axis was homed since its controller was switched on.
+  /// A person vouches that these axes were homed since their controllers were switched on.
   /// Throws if a controller knows better.
-  std::function<void()> trust_references;
+  std::function<void(std::span<const AxisId>)> trust_references;
   /// Puts a payload on the table: a person on a real rig, the world on a simulated one. Throws if
   /// refused.
   std::function<void(Payload)> mount;

@@ -230,6 +230,8 @@ class Reader {
     axis.repeatability = value("repeatability_" + unit, spec->repeatability);
     axis.backlash = value("backlash_" + unit, spec->backlash);
     axis.tolerance = value("tolerance_" + unit, 1.5 * axis.per_step());
+    axis.tolerance_stated = a.contains("tolerance_" + unit);
+    axis.reversed = a.value("direction", 1) < 0;
     axis.settle_s = value("settle_ms", 100.0) / 1000.0;
     axis.retries = a.value("retries", 2);
 
@@ -320,7 +322,7 @@ class Reader {
                fmt::format("found with camera model \"{}\", which does not use it. Remove it.",
                            camera.model));
     };
-    only_for({"folder", "replay", "files", "order", "layout"}, {"folder"});
+    only_for({"folder", "replay", "files", "order", "layout", "latency_ms"}, {"folder"});
     only_for({"simulated", "packet_bytes"}, {"gige"});
     only_for({"device", "exposure_us", "gain"}, {"gige", "usb"});
     only_for({"pixel_format", "offset_px"}, {"gige"});
@@ -363,8 +365,19 @@ class Reader {
              "found beside a layout, which names every file by itself. Remove the one or the "
              "other.");
 
+    camera.latency_stated = c.contains("latency_ms");
+    camera.latency_s = c.value("latency_ms", 0.0) / 1000.0;
+    if (camera.latency_stated && camera.replay)
+      fail("/camera/latency_ms", "is for images that are still to come: remove it, or \"replay\".");
+
     camera.image_size = {c.at("image_size_px").at(0), c.at("image_size_px").at(1)};
     camera.frame_timeout_s = c.value("frame_timeout_ms", 2000.0) / 1000.0;
+    if (camera.exposure_us && *camera.exposure_us * 1e-6 >= camera.frame_timeout_s)
+      fail("/camera/exposure_us",
+           fmt::format(
+               "found {:g} us, allowed: less than frame_timeout_ms, {:g} ms here, within which "
+               "the whole frame has to be there. Shorten the one or raise the other.",
+               *camera.exposure_us, 1000 * camera.frame_timeout_s));
     camera.retries = c.value("retries", 2);
     camera.electrons_per_grey = c.value("electrons_per_grey", 0.0);
     camera.nominal_focal_px = c.at("nominal_focal_px");
@@ -616,6 +629,11 @@ class Reader {
            "is simulated; a simulated channel needs none: state \"simulated\" instead.");
     channel.reply_timeout_s = c.value("reply_timeout_ms", 500.0) / 1000.0;
     channel.ask = c.value("ask", "");
+    if (c.contains("decimal")) {
+      if (channel.source != Source::kFile && channel.source != Source::kAsk)
+        fail(at + "/decimal", "is for readings in text. Remove it.");
+      channel.decimal = c.at("decimal") == "comma" ? Decimal::kComma : Decimal::kPoint;
+    }
     channel.register_at = c.value("register", 0);
     channel.slave = c.value("slave", 1);
     channel.holding = c.value("holding", false);
@@ -745,6 +763,24 @@ AxisId axis_from_name(std::string_view name) {
 }
 
 std::string_view axis_unit(AxisId axis) { return axis == AxisId::kStage ? "mm" : "deg"; }
+
+double AxisConfig::on_grid(double target) const {
+  const double step = per_step();
+  // Where pulses are coarser than what can be sent, each of them can be asked for.
+  const double sent = sent_step > step ? sent_step * std::round(target / sent_step) : target;
+  return step * static_cast<double>(std::llround(sent / step));
+}
+
+AxisConfig controller_side(const AxisConfig& axis) {
+  AxisConfig seen = axis;
+  if (!axis.reversed) return seen;
+  seen.lower = -axis.upper;
+  seen.upper = -axis.lower;
+  seen.cable_lower = -axis.cable_upper;
+  seen.cable_upper = -axis.cable_lower;
+  seen.backlash = -axis.backlash;
+  return seen;
+}
 
 std::optional<AxisBound> AxisConfig::bound_against(double position) const {
   if (!(position >= lower && position <= upper))

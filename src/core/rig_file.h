@@ -103,7 +103,13 @@ struct AxisConfig {
   double repeatability{};
   double backlash{};   ///< overshoot of the one-sided approach; sign = final direction; 0 = none
   double tolerance{};  ///< in-position window, half width
-  double settle_s{};   ///< time inside the window before a move counts as ended
+  bool tolerance_stated = false;  ///< in the rig file
+  /// The least step that the controller can be sent to, and the least that it tells; 0 = its pulses. A
+  /// fact of the controller's model, filled in from the catalogue of drivers.
+  double sent_step{}, told_step{};
+  /// The controller counts the other way: upwards where the rig's axis goes down.
+  bool reversed = false;
+  double settle_s{};  ///< time inside the window before a move counts as ended
   int retries{};
 
   std::string_view unit() const { return axis_unit(id); }
@@ -117,7 +123,17 @@ struct AxisConfig {
     return kind == StageKind::kRotary ? 360.0 / (drive_ratio * steps_per_rev)
                                       : lead_mm / steps_per_rev;
   }
+  /// How fine a window may be: within it a goal cannot be told from its neighbours.
+  double finest_window() const { return 0.5 * per_step() + 0.5 * told_step; }
+  /// The least distance that the axis can be moved by.
+  double least_move() const { return std::max(per_step(), sent_step); }
+  /// The place nearest to `target` to which the axis can be sent: on the grid of what the controller is
+  /// told, rounded to pulses by the controller.
+  double on_grid(double target) const;
 };
+
+/// The axis as its controller sees it: the same, or its mirror image if it counts the other way.
+AxisConfig controller_side(const AxisConfig& axis);
 
 /// How an exposure is started.
 struct TriggerConfig {
@@ -146,8 +162,13 @@ struct CameraConfig {
   std::string files = "*.png";   ///< "folder": which ones, names below the folder, * and ?
   FileOrder order = FileOrder::kName;
   std::string layout;  ///< "folder": the file of each pose, "{scenario}/{repeat}/{point:03}.png"
+  double latency_s =
+      0.0;  ///< "folder": from the beginning of an exposure to its whole file, at most
+  bool latency_stated = false;  ///< in the rig file
   ImageSize image_size;
   double frame_timeout_s = 2.0;
+  /// From the trigger to the end of the exposure, as far as the rig file tells, and to the file.
+  double answer_s() const { return exposure_us.value_or(0.0) * 1e-6 + latency_s; }
   int retries = 2;
   double electrons_per_grey = 0.0;  ///< shot noise of image points; 0 = not counted
   /// Nominal geometry (drawings): used to predict the field of view and nothing else.
@@ -261,6 +282,9 @@ struct SimulationConfig {
   ImageTruth image;
 };
 
+/// What parts the whole from the fraction of a number in text.
+enum class Decimal { kUnstated, kPoint, kComma };
+
 /// A reading beside the motion: a temperature, a pressure, a supply. Values in `unit`.
 struct ChannelConfig {
   std::string name;
@@ -269,11 +293,12 @@ struct ChannelConfig {
   /// the first number of its answer. kRegister: a Modbus input or holding register. kSimulated: a
   /// sine of the rig's time.
   enum class Source { kFile, kAsk, kRegister, kSimulated } source = Source::kFile;
-  std::filesystem::path path;    ///< kFile
-  LineConfig line;               ///< kAsk, kRegister
-  double reply_timeout_s = 0.5;  ///< kAsk, kRegister
-  std::string ask;               ///< kAsk, without its CR
-  int register_at = 0;           ///< kRegister: address on the wire
+  std::filesystem::path path;            ///< kFile
+  LineConfig line;                       ///< kAsk, kRegister
+  double reply_timeout_s = 0.5;          ///< kAsk, kRegister
+  std::string ask;                       ///< kAsk, without its CR
+  Decimal decimal = Decimal::kUnstated;  ///< kFile, kAsk
+  int register_at = 0;                   ///< kRegister: address on the wire
   int slave = 1;
   bool holding = false;                                ///< kRegister: function 3 instead of 4
   bool is_signed = false;                              ///< kRegister

@@ -86,6 +86,15 @@ TEST(RigFile, EverySlipIsNamedWithItsPlace) {
       {"\"zolix-rak200\"", "\"rak-9000\"", "/axes/yaw/stage", "zolix-rak200"},
       {"\"controller\": \"mc1\", \"channel\": \"Y\"", "\"controller\": \"mc2\", \"channel\": \"Y\"",
        "/axes/yaw/controller", "mc1"},
+      {"[-1, 200]", "[-1, 200], \"direction\": 0", "/axes/stage/direction", "found 0"},
+      {"[-90, 90]", "[-90, 90], \"direction\": -1", "/axes/yaw", "direction"},
+      {"\"model\": \"simulated\"", "\"model\": \"simulated\", \"latency_ms\": 5",
+       "/camera/latency_ms", "does not use it"},
+      {"\"model\": \"simulated\"",
+       "\"model\": \"folder\", \"folder\": \".\", \"replay\": true, \"latency_ms\": 5",
+       "/camera/latency_ms", "still to come"},
+      {"\"model\": \"simulated\"", "\"model\": \"gige\", \"exposure_us\": 500000",
+       "/camera/exposure_us", "less than frame_timeout_ms, 500 ms"},
       {"[-90, 90]", "[90, -90]", "/axes/yaw/limits_deg", "lower < upper"},
       {"[-90, 90]", "[-900, 900]", "/axes/yaw/limits_deg", "inside the travel"},
       {"[-90, 90]", "[-900, 900]", "/axes/yaw/limits_deg", "cable_deg"},
@@ -203,6 +212,9 @@ TEST(RigFile, RefusesTelemetryThatMakesNoSense) {
   EXPECT_EQ(refused(R"("ask": "T?")"), at);
   EXPECT_EQ(refused(R"("file": "a", "line": {"tcp": {"host": "b", "port": 1}})"), at);
   EXPECT_EQ(refused(R"("file": "a", "slave": 2)"), at + "/slave");
+  EXPECT_EQ(refused(R"("file": "a", "decimal": "dot")"), at + "/decimal");
+  EXPECT_EQ(refused(R"("simulated": {"mean": 1}, "decimal": "comma")"), at + "/decimal");
+  EXPECT_EQ(refused(R"("file": "a", "decimal": "comma")"), "taken");
   EXPECT_EQ(refused(R"("file": "a", "hold": {"outside": [3, 2]})"), at + "/hold/outside");
   EXPECT_EQ(refused(R"("file": "a", "hold": {"outside": [2, 3], "resume_inside": [1, 2.5]})"),
             at + "/hold/resume_inside");
