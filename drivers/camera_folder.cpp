@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <fnmatch.h>
+#include <sys/stat.h>
 
 #include <algorithm>
 #include <cmath>
@@ -208,41 +209,88 @@ fs::path FolderCamera::earlier_file() const {
   return laid_out(*announced_);
 }
 
+std::optional<FolderCamera::Identity> FolderCamera::identify(const fs::path& file) {
+  struct stat status {};
+  if (::stat(file.c_str(), &status) != 0) return std::nullopt;  // renamed or removed meanwhile
+  return Identity{static_cast<std::uint64_t>(status.st_dev),
+                  static_cast<std::uint64_t>(status.st_ino),
+                  static_cast<std::int64_t>(status.st_size),
+                  std::int64_t{status.st_mtim.tv_sec} * 1'000'000'000 + status.st_mtim.tv_nsec};
+}
+
+FolderCamera::Snapshot FolderCamera::look() const {
+  Snapshot seen;
+  for (fs::path& file : matching_files())
+    if (const auto identity = identify(file)) seen.emplace(std::move(file), *identity);
+  return seen;
+}
+
 fs::path FolderCamera::await_new_file(Image& image) {
-  for (fs::path& file : matching_files()) spent_.insert(std::move(file));
+  // What is written up to here may have been exposed before the trigger.
+  clock_->sleep_for(from_seconds(config_.latency_s));
+  const Snapshot before = look();
   const Time deadline = clock_->now() + from_seconds(config_.frame_timeout_s);
-  std::uintmax_t last_size = 0;
-  fs::path last;
+  Snapshot last;
   std::string unreadable;
+  fs::path changing;
   for (;;) {
-    std::vector<fs::path> fresh = matching_files();
-    std::erase_if(fresh, [this](const fs::path& file) { return spent_.contains(file); });
+    Snapshot now = look();
+    std::vector<fs::path> fresh;
+    for (const auto& [file, identity] : now)
+      if (const auto old = before.find(file); old == before.end() || old->second != identity)
+        fresh.push_back(file);
     sort(fresh);
-    std::error_code gone;  // renamed or removed between two looks
-    const std::uintmax_t size = fresh.empty() ? 0 : fs::file_size(fresh.front(), gone);
-    if (!fresh.empty() && !gone) {
-      const fs::path& file = fresh.front();
-      if (file == last && size == last_size && size > 0) {  // two looks, the same size: written
-        try {
-          image = load_(file);
-          spent_.insert(file);
-          return file;
-        } catch (const ConfigError& e) {  // or only stalled
-          unreadable = e.what();
-        }
+    for (const fs::path& file : fresh) {
+      const Identity& identity = now.at(file);
+      const auto earlier = last.find(file);
+      if (earlier == last.end() || earlier->second != identity || identity.size == 0) {
+        changing = file;  // written to since the last look
+        continue;
       }
-      last = file;
-      last_size = size;
+      try {
+        image = load_(file);
+        if (identify(file) == identity) return file;
+        changing = file;
+      } catch (const ConfigError& e) {  // or only stalled
+        unreadable = e.what();
+      }
     }
     if (clock_->now() >= deadline) {
       if (!unreadable.empty()) throw DeviceError("camera: " + unreadable);
       throw TimeoutError(fmt::format(
-          "camera: no new {} in {} within {:.1f} s of the trigger. Check the camera's software and "
+          "camera: no new {} in {} within {:.1f} s of the trigger{}. Check the camera's software "
+          "and "
           "its folder.",
-          config_.files, config_.folder.string(), config_.frame_timeout_s));
+          config_.files, config_.folder.string(), config_.latency_s + config_.frame_timeout_s,
+          changing.empty() ? std::string()
+                           : fmt::format(": {} is being rewritten all the time, and no two looks "
+                                         "{:g} s apart found it the same",
+                                         changing.string(), kPollS)));
     }
+    last = std::move(now);
     clock_->sleep_for(from_seconds(kPollS));
   }
+}
+
+Frame FolderCamera::try_out() {
+  Frame frame = trigger();
+  if (config_.latency_stated || config_.replay) return frame;
+  Image another;
+  try {
+    await_new_file(another);
+  } catch (const TimeoutError&) {
+    return frame;  // it saves when it is told to
+  }
+  throw DeviceError(fmt::format(
+      "camera: images come into {} without being asked for, so one that comes after a trigger may "
+      "have "
+      "been exposed before it, while the axes still moved. State \"latency_ms\" in the rig file's "
+      "camera: how long after the beginning of its exposure an image is in the folder at the "
+      "latest "
+      "(let the camera look at a running clock, and compare what an image shows with the time of "
+      "its "
+      "file). 0 says that this cannot happen.",
+      config_.folder.string()));
 }
 
 Frame FolderCamera::trigger() {

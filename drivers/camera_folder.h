@@ -1,12 +1,16 @@
-// A camera whose own software writes images into a folder: the next file that appears after the
-// trigger answers it. In replay, images taken earlier answer instead: in an order, or each pose by
-// a file name made from the pose.
+// A camera whose own software writes images into a folder: the next file that appears answers the
+// trigger. Such software exposes when it likes and saves when it has time, so a file that appears now
+// may show what was there before the trigger. The rig file's latency says how long after the beginning
+// of its exposure an image is in the folder at the latest; only what is written later than that counts.
+// In replay, images taken earlier answer instead: in an order, or each pose by a file name made from
+// the pose.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <optional>
-#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -31,12 +35,26 @@ class FolderCamera final : public Camera {
   void check(std::span<const Exposure> exposures) const override;
   bool exposes() const override { return !config_.replay; }
   void announce(const Exposure& exposure) override { announced_ = exposure; }
-  /// Waits for a file that was not there before and has stopped growing; the first in order.
+  /// Waits for the latency, and then for a file that is written after it and has stopped growing; the
+  /// first in order. A file is known by its path, inode, size and time, so a name may be used again.
   /// In replay: the next file, or the one of the announced exposure.
   /// @throws TimeoutError; DeviceError for a file that is no image, or of another size.
   Frame trigger() override;
+  /// Where no latency is stated, waits for another file, up to the frame's deadline, and nothing moves.
+  /// @throws DeviceError if one comes: the camera runs freely, and nobody says how late its files are.
+  Frame try_out() override;
 
  private:
+  /// What tells a file from the one that had its name before.
+  struct Identity {
+    std::uint64_t device = 0, inode = 0;
+    std::int64_t size = 0, modified_ns = 0;
+    bool operator==(const Identity&) const = default;
+  };
+  using Snapshot = std::map<std::filesystem::path, Identity>;
+
+  static std::optional<Identity> identify(const std::filesystem::path& file);
+  Snapshot look() const;
   std::vector<std::filesystem::path> matching_files() const;
   void sort(std::vector<std::filesystem::path>& files) const;
   std::filesystem::path laid_out(const Exposure& exposure) const;
@@ -48,7 +66,6 @@ class FolderCamera final : public Camera {
   std::function<Image(const std::filesystem::path&)> load_;
   std::string pattern_;                         ///< config_.files for fnmatch
   std::vector<std::filesystem::path> earlier_;  ///< replay without a layout: all, in order
-  std::set<std::filesystem::path> spent_;       ///< returned, or there before the trigger
   std::optional<Exposure> announced_;
   std::uint64_t next_id_ = 0;
 };

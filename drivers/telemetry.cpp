@@ -115,8 +115,7 @@ class Registers {
     const SharedLine line(open_instrument(config_));
     if (!tcp) line.want_silence(rtu_silence(config_.baud != 0 ? config_.baud : kDefaultBaud));
     master_ = std::make_unique<ModbusMaster>(
-        line, clock_,
-        tcp ? ModbusMaster::Framing::kTcp : ModbusMaster::Framing::kRtu, timeout_);
+        line, clock_, tcp ? ModbusMaster::Framing::kTcp : ModbusMaster::Framing::kRtu, timeout_);
   }
   LineConfig config_;
   Clock& clock_;
@@ -141,16 +140,75 @@ std::string text_of(const std::filesystem::path& file) {
 
 }  // namespace
 
-double first_number(std::string_view text) {
-  for (std::size_t at = 0; at < text.size(); ++at) {
-    // A sign belongs to the number behind it; std::from_chars knows no plus.
-    const std::string_view rest = text.substr(at);
-    if (rest.find_first_of("0123456789") == rest.npos) break;
-    double value = 0.0;
-    const auto [end, error] = std::from_chars(rest.data(), rest.data() + rest.size(), value);
-    if (error == std::errc() && std::isfinite(value)) return value;
+namespace {
+
+bool is_digit(char c) { return c >= '0' && c <= '9'; }
+
+/// Whether a word that begins like a number is a date, a time, an address, a version or hexadecimal.
+bool is_no_quantity(std::string_view word) {
+  if (word.size() > 2 && word[0] == '0' && (word[1] == 'x' || word[1] == 'X')) return true;
+  int points = 0;
+  for (std::size_t i = 1; i + 1 < word.size(); ++i) {
+    const bool between = is_digit(word[i - 1]) && is_digit(word[i + 1]);
+    if (between && (word[i] == ':' || word[i] == '/' || word[i] == '-')) return true;
+    points += between && word[i] == '.';
   }
-  throw ProtocolError(fmt::format("no number in \"{}\"", text.substr(0, 60)));
+  return points > 1;
+}
+
+/// A word with a decimal point, whichever way it was written. @param shown for messages.
+std::string with_point(std::string word, Decimal decimal, std::string_view shown) {
+  const auto between_digits = [&](std::string_view marks) {
+    for (std::size_t i = 1; i + 1 < word.size(); ++i)
+      if (marks.find(word[i]) != marks.npos && is_digit(word[i - 1]) && is_digit(word[i + 1]))
+        return i;
+    return std::string::npos;
+  };
+  if (between_digits("'_") != word.npos)
+    throw ProtocolError(fmt::format(
+        "\"{}\" has a mark between digits that may part thousands. Let plain numbers be written",
+        shown));
+  const std::size_t comma = between_digits(",");
+  if (comma == word.npos) return word;
+  if (decimal == Decimal::kUnstated)
+    throw ProtocolError(
+        fmt::format("\"{}\" has a comma between digits: a decimal comma, or the next field? State "
+                    "\"decimal\": \"comma\" or \"point\" for this channel in the rig file",
+                    shown));
+  if (decimal == Decimal::kPoint) return word.substr(0, comma);  // the next field
+  if (word.find_first_of(".,") != comma || word.find_first_of(".,", comma + 1) != word.npos)
+    throw ProtocolError(fmt::format(
+        "\"{}\" has a point or a second comma beside its decimal comma: one of them may "
+        "part thousands. Let plain numbers be written",
+        shown));
+  word[comma] = '.';
+  return word;
+}
+
+}  // namespace
+
+double first_number(std::string_view text, Decimal decimal) {
+  const std::string shown(text.substr(0, 60));
+  constexpr std::string_view kBetween = " \t\r\n;=\"()[]{}<>|";
+  for (std::size_t at = text.find_first_not_of(kBetween); at != text.npos;) {
+    const std::size_t end = std::min(text.find_first_of(kBetween, at), text.size());
+    std::string word(text.substr(at, end - at));
+    at = text.find_first_not_of(kBetween, end);
+    // "T:21.5" names its number; "12:30" is a time.
+    if (const std::size_t colon = word.rfind(':'); colon != word.npos && !is_digit(word.front()))
+      word.erase(0, colon + 1);
+    const std::size_t digits = word.find_first_not_of("+-.,");
+    if (digits == word.npos || digits > 2 || !is_digit(word[digits])) continue;  // a name: "PT100"
+    if (is_no_quantity(word)) continue;
+    word = with_point(std::move(word), decimal, shown);
+    const char* begin = word.data() + (word[0] == '+' ? 1 : 0);
+    double value = 0.0;
+    const auto [stop, error] = std::from_chars(begin, word.data() + word.size(), value);
+    if (error == std::errc::result_out_of_range || (error == std::errc() && !std::isfinite(value)))
+      throw ProtocolError(fmt::format("\"{}\" holds a number that is out of range", shown));
+    if (error == std::errc()) return value;  // a unit may stand right behind it
+  }
+  throw ProtocolError(fmt::format("no number in \"{}\"", shown));
 }
 
 std::vector<Channel> open_channels(const TelemetryConfig& telemetry, Clock& clock,
@@ -163,11 +221,13 @@ std::vector<Channel> open_channels(const TelemetryConfig& telemetry, Clock& cloc
     std::function<double()> reading;
     const Time timeout = from_seconds(c.reply_timeout_s);
     if (c.source == Source::kFile) {
-      reading = [c] { return first_number(text_of(c.path)); };
+      reading = [c] { return first_number(text_of(c.path), c.decimal); };
     } else if (c.source == Source::kAsk) {
       auto& instrument = instruments[line_key(c.line)];
       if (!instrument) instrument = std::make_shared<TextInstrument>(c.line, clock);
-      reading = [c, instrument, timeout] { return first_number(instrument->ask(c.ask, timeout)); };
+      reading = [c, instrument, timeout] {
+        return first_number(instrument->ask(c.ask, timeout), c.decimal);
+      };
     } else if (c.source == Source::kRegister) {
       auto& registers = slaves[line_key(c.line)];
       if (!registers) registers = std::make_shared<Registers>(c.line, clock, timeout);

@@ -17,7 +17,9 @@ namespace turntable {
 std::vector<Channel> open_channels(const TelemetryConfig& telemetry, Clock& clock,
                                    const std::function<double(const ChannelConfig&)>& simulated);
 
-/// The first number in `text`, "+021.37 C" or "T=21.4". @throws ProtocolError if there is none.
-double first_number(std::string_view text);
+/// The first number in `text`, "+021.37 C" or "T=21.4"; not what belongs to a name ("PT100"), a date, a
+/// time or an address. @throws ProtocolError if there is none, or it may mean two things: a comma between
+/// digits whose meaning was not stated, marks that may part thousands.
+double first_number(std::string_view text, Decimal decimal = Decimal::kUnstated);
 
 }  // namespace turntable

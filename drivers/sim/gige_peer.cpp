@@ -10,6 +10,7 @@
 #include <atomic>
 #include <condition_variable>
 #include <mutex>
+#include <thread>
 
 #include "src/core/errors.h"
 
@@ -20,6 +21,7 @@ constexpr const char* kAddress = "127.0.0.1";
 constexpr std::uint16_t kControlPort = 3956;  // GVCP
 constexpr double kTriggerLooksPerS = 500;     // how often the fake camera looks for a trigger
 constexpr auto kEdgeTimeout = std::chrono::seconds{1};
+constexpr guint32 kLongestExposure_us = 10'000'000;
 
 // Register values, from the fake camera's GenICam description.
 constexpr guint32 kOn = 1;
@@ -146,6 +148,10 @@ class GigePeer::Impl {
     }
     lock.unlock();
     Image sensor = expose_(exposures_++);
+    std::this_thread::sleep_for(std::chrono::microseconds{
+        std::min(read(ARV_FAKE_CAMERA_REGISTER_EXPOSURE_TIME_US), kLongestExposure_us)});
+    // Who triggers during an exposure is not heard.
+    if (!by_edge) write(ARV_FAKE_CAMERA_REGISTER_TRIGGER_SOFTWARE, 0);
     if (by_edge) {
       lock.lock();
       edge_ = Edge::kNone;

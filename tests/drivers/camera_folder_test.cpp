@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 
 #include <functional>
+#include <map>
+#include <thread>
 
 #include "src/core/errors.h"
 #include "tests/support/temporary_folder.h"
@@ -101,6 +103,137 @@ TEST(FolderCamera, WaitsUntilASlowFileIsAnImage) {
   clock.attach(begun);
   clock.attach(ended);
   EXPECT_EQ(camera_in(folder, clock, false).trigger().image.pixels.front(), 'C');
+}
+
+/// Software that exposes every 0.1 s, and has each image in the folder `lag_s` later. An image's grey
+/// value tells when it was exposed: 'A' in the first 0.1 s.
+class FreeRunningSoftware final : public Actor {
+ public:
+  FreeRunningSoftware(double lag_s, std::function<void(char grey, int n)> save)
+      : lag_(from_seconds(lag_s)), save_(std::move(save)) {}
+  int descriptor() const override { return -1; }
+  std::optional<Time> next_due() const override { return n_ * kPeriod + lag_; }
+  void act(Time now) override {
+    for (; now >= n_ * kPeriod + lag_; ++n_) save_(static_cast<char>('A' + n_ % 64), n_);
+  }
+  static constexpr Time kPeriod = std::chrono::milliseconds{100};
+
+ private:
+  Time lag_;
+  std::function<void(char, int)> save_;
+  int n_ = 0;
+};
+
+TEST(FolderCamera, TakesNoImageThatWasExposedBeforeTheTrigger) {
+  for (const double lag_s : {0.02, 0.3, 0.5}) {
+    const TemporaryFolder folder;
+    ManualClock clock;
+    FreeRunningSoftware software(lag_s, [&](char grey, int n) {
+      put(folder, "img" + std::to_string(1000 + n) + ".png", grey);
+    });
+    clock.attach(software);
+    CameraConfig config = config_of(folder, false);
+    config.latency_s = 0.5;
+    config.latency_stated = true;
+    FolderCamera camera({config, &clock, load, {}});
+    for (int k = 0; k < 5; ++k) {
+      clock.sleep_for(std::chrono::milliseconds{137});
+      const Time asked = clock.now();
+      const int exposed = camera.try_out().image.pixels.front() - 'A';
+      EXPECT_GE(exposed * FreeRunningSoftware::kPeriod, asked) << lag_s;
+    }
+  }
+}
+
+TEST(FolderCamera, RefusesAFreeRunningSoftwareCameraWhoseLatencyNobodyStates) {
+  const TemporaryFolder folder;
+  ManualClock clock;
+  FreeRunningSoftware software(
+      0.3, [&](char grey, int n) { put(folder, "img" + std::to_string(1000 + n) + ".png", grey); });
+  clock.attach(software);
+  FolderCamera camera = camera_in(folder, clock, false);
+  try {
+    camera.try_out();
+    FAIL() << "accepted";
+  } catch (const DeviceError& e) {
+    EXPECT_THAT(e.what(), AllOf(HasSubstr("without being asked"), HasSubstr("latency_ms")));
+  }
+}
+
+TEST(FolderCamera, AcceptsOneThatSavesWhenItIsTold) {
+  const TemporaryFolder folder;
+  ManualClock clock;
+  Later saved(from_seconds(0.3), [&] { put(folder, "b.png", 'B'); });
+  clock.attach(saved);
+  EXPECT_EQ(camera_in(folder, clock, false).try_out().image.pixels.front(), 'B');
+}
+
+TEST(FolderCamera, KnowsANewImageUnderAnOldName) {
+  using Save = std::function<void(const TemporaryFolder&, char, int)>;
+  const std::map<std::string, Save> ways{
+      {"rewritten", [](const TemporaryFolder& f, char grey, int) { put(f, "latest.png", grey); }},
+      {"replaced",
+       [](const TemporaryFolder& f, char grey, int) {
+         put(f, "new.tmp", grey);
+         std::filesystem::rename(f / "new.tmp", f / "latest.png");
+       }},
+      {"ring written over", [](const TemporaryFolder& f, char grey,
+                               int n) { put(f, "img" + std::to_string(n % 3) + ".png", grey); }},
+      {"ring moved away", [](const TemporaryFolder& f, char grey, int n) {
+         for (int i = 0; i < 3 && n % 3 == 0 && n > 0; ++i)
+           std::filesystem::rename(f / ("img" + std::to_string(i) + ".png"),
+                                   f / ("old" + std::to_string(n + i) + ".bak"));
+         put(f, "img" + std::to_string(n % 3) + ".png", grey);
+       }}};
+  for (const auto& [way, save] : ways) {
+    SCOPED_TRACE(way);
+    const TemporaryFolder folder;
+    ManualClock clock;
+    FreeRunningSoftware software(0.02, [&, save = save](char grey, int n) {
+      save(folder, grey, n);
+      std::this_thread::sleep_for(std::chrono::milliseconds{6});  // file systems tell times apart
+    });
+    clock.attach(software);
+    CameraConfig config = config_of(folder, false);
+    config.latency_s = 0.05;
+    config.latency_stated = true;
+    FolderCamera camera({config, &clock, load, {}});
+    int last = -1;
+    for (int k = 0; k < 8; ++k) {
+      const Time asked = clock.now();
+      const int exposed = camera.trigger().image.pixels.front() - 'A';
+      EXPECT_GE(exposed * FreeRunningSoftware::kPeriod, asked);
+      EXPECT_GT(exposed, last);
+      last = exposed;
+    }
+  }
+}
+
+TEST(FolderCamera, SaysThatAFileIsRewrittenAllTheTime) {
+  const TemporaryFolder folder;
+  ManualClock clock;
+  int n = 0;
+  struct Rewriting final : Actor {
+    explicit Rewriting(std::function<void()> w) : write(std::move(w)) {}
+    int descriptor() const override { return -1; }
+    std::optional<Time> next_due() const override { return due; }
+    void act(Time now) override {
+      if (now < due) return;
+      write();
+      due = now + std::chrono::milliseconds{15};
+    }
+    std::function<void()> write;
+    Time due{0};
+  } rewriting(
+      [&] { spill(folder / "c.png", std::string(static_cast<std::size_t>(4 + n++ % 2), 'C')); });
+  clock.attach(rewriting);
+  FolderCamera camera = camera_in(folder, clock, false);
+  try {
+    camera.trigger();
+    FAIL() << "taken";
+  } catch (const TimeoutError& e) {
+    EXPECT_THAT(e.what(), HasSubstr("is being rewritten all the time"));
+  }
 }
 
 TEST(FolderCamera, NamesAFileThatNeverBecomesOneOrHasAnotherSize) {

@@ -63,7 +63,34 @@ TEST(Telemetry, FindsTheFirstNumberOfAnAnswer) {
   EXPECT_EQ(first_number("+021.37 C\r"), 21.37);
   EXPECT_EQ(first_number("T=-3.5e1;RH=40"), -35.0);
   EXPECT_EQ(first_number("45678\n"), 45678.0);
-  for (const char* text : {"", "ERR", "nan", "--"}) EXPECT_THROW(first_number(text), ProtocolError);
+  EXPECT_EQ(first_number("23.5C"), 23.5);
+  EXPECT_EQ(first_number("-.5"), -0.5);
+  EXPECT_EQ(first_number("T:21.5"), 21.5);
+  EXPECT_EQ(first_number("+021.37E+0,+023.11E+0"), 21.37);
+  for (const char* text : {"", "ERR", "nan", "--", "+", ".", "1e999"})
+    EXPECT_THROW(first_number(text), ProtocolError) << text;
+}
+
+TEST(Telemetry, PassesOverNumbersThatMeasureNothing) {
+  EXPECT_EQ(first_number("PT100 21.3"), 21.3);
+  EXPECT_EQ(first_number("ch1: 22.5"), 22.5);
+  EXPECT_EQ(first_number("2026-12-01 23.4"), 23.4);
+  EXPECT_EQ(first_number("01/12/2026 12:30:05 21.0"), 21.0);
+  EXPECT_EQ(first_number("2026-12-01T12:30:05Z;20.5"), 20.5);
+  EXPECT_EQ(first_number("192.168.0.7 19.5"), 19.5);
+  EXPECT_EQ(first_number("0x1F 18"), 18.0);
+  EXPECT_THROW(first_number("12:30"), ProtocolError);
+}
+
+TEST(Telemetry, CutsNoNumberShortAtAComma) {
+  for (const char* text : {"23,87", "1.234,5", "1,234.5", "T=23,87", "-3,5", "1'234.5"})
+    EXPECT_THROW(first_number(text), ProtocolError) << text;
+  EXPECT_EQ(first_number("23,87", Decimal::kComma), 23.87);
+  EXPECT_EQ(first_number("-3,5 C", Decimal::kComma), -3.5);
+  EXPECT_EQ(first_number("23.87", Decimal::kComma), 23.87);  // some write both
+  EXPECT_EQ(first_number("23.87,40.1", Decimal::kPoint), 23.87);
+  for (const char* text : {"1.234,5", "1,234,567", "1,234.5"})
+    EXPECT_THROW(first_number(text, Decimal::kComma), ProtocolError) << text;
 }
 
 TEST(Telemetry, ReadsANumberFromAFileWithItsScale) {
