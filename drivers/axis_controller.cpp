@@ -52,7 +52,8 @@ class AxisController::ChannelAxis final : public Port, public AxisPort<Q> {
       : controller_(&controller),
         index_(index),
         scale_{{channel().config.per_step()}},
-        axis_(channel().config, *this, *controller.clock_, timing) {}
+        sign_(channel().config.reversed ? -1.0 : 1.0),
+        axis_(controller_side(channel().config), *this, *controller.clock_, timing) {}
 
   Axis<Q>* axis() { return &axis_; }
   void trust_reference() override { axis_.trust_reference(); }
@@ -67,7 +68,8 @@ class AxisController::ChannelAxis final : public Port, public AxisPort<Q> {
     return controller_->on_open_line([&] { return controller_->free(channel()); });
   }
   Acknowledgement start_move(Q from, Q to) override {
-    return controller_->start_move(channel(), scale_.to_steps(from), scale_.to_steps(to));
+    return controller_->start_move(channel(), scale_.to_steps(sign_ * from),
+                                   scale_.to_steps(sign_ * to));
   }
   Acknowledgement start_home() override { return controller_->start_home(channel()); }
   bool count_from_home() override { return controller_->count_from_home(channel()); }
@@ -75,10 +77,10 @@ class AxisController::ChannelAxis final : public Port, public AxisPort<Q> {
     AxisStatus<Steps> raw =
         controller_->on_open_line([&] { return controller_->status(channel(), deadline); });
     AxisStatus<Q> status;
-    if (raw.position) status.position = scale_.from_steps(*raw.position);
+    if (raw.position) status.position = sign_ * scale_.from_steps(*raw.position);
     status.motion = raw.motion;
-    status.lower_limit = raw.lower_limit;
-    status.upper_limit = raw.upper_limit;
+    status.lower_limit = sign_ > 0 ? raw.lower_limit : raw.upper_limit;
+    status.upper_limit = sign_ > 0 ? raw.upper_limit : raw.lower_limit;
     status.fault = std::move(raw.fault);
     return status;
   }
@@ -90,6 +92,7 @@ class AxisController::ChannelAxis final : public Port, public AxisPort<Q> {
   AxisController* controller_;
   std::size_t index_;
   StepScale<Q> scale_;
+  double sign_;  ///< of the controller's count against the axis
   MotionAxis<Q> axis_;
 };
 
@@ -105,7 +108,7 @@ AxisController::AxisController(ControllerSetup& setup)
         throw ConfigError("rig", fmt::format("/axes/{}/channel", axis_name(axis.id)),
                           fmt::format("channel {} is already taken by {}.", axis.channel,
                                       axis_name(other.config.id)));
-    channels_.push_back({std::move(axis), channels_.size()});
+    channels_.push_back({controller_side(axis), channels_.size()});
   }
   MotionTiming timing;
   timing.reply_timeout = config_.reply_timeout_s;

@@ -34,7 +34,7 @@ class AxisController : public Controller {
   void begin_stop_all() final;
   void finish_stop_all() final;
 
-  /// One axis of the controller as a driver sees it.
+  /// One axis of the controller as a driver sees it: in the controller's own sense of direction.
   struct Channel {
     AxisConfig config;
     std::size_t index = 0;  ///< in `channels()`
@@ -144,9 +144,10 @@ class AxisController : public Controller {
   Clock* clock_;
   std::vector<Channel> channels_;
   std::vector<std::unique_ptr<Port>> ports_;  ///< by channel
-  std::vector<std::exception_ptr> not_told_;  ///< by channel: why the last stop was not acknowledged
-  SharedLine line_;                           ///< its lock guards all that is below, too
-  unsigned opened_;                           ///< the line's count of openings, as last seen
+  std::vector<std::exception_ptr>
+      not_told_;                   ///< by channel: why the last stop was not acknowledged
+  SharedLine line_;                ///< its lock guards all that is below, too
+  unsigned opened_;                ///< the line's count of openings, as last seen
   std::atomic<bool> once_{false};  ///< several axes are being stopped: nobody is asked twice yet
   bool connected_ = false;
   std::string details_;

@@ -21,15 +21,17 @@
 namespace turntable {
 namespace {
 
+// An MC600 takes the five decimals that its driver sends, and shows three in what is known of it; a
+// ZC300 cuts distances off to thousandths.
 constexpr ControllerModel kControllers[] = {
-    // model         baud    reply modbus key of its own          opens              identifies
-    {"zolix-mc600", 19200, 1.0, false, "", open_zolix_mc600, identify_zolix_mc600,
+    // model        baud   reply modbus sent  told  key of its own  opens             identifies
+    {"zolix-mc600", 19200, 1.0, false, 1e-5, 1e-3, "", open_zolix_mc600, identify_zolix_mc600,
      kUnconfirmedMc600},
-    {"zolix-zc300", 115200, 0.4, true, "address", open_zolix_zc300, identify_zolix_zc300,
+    {"zolix-zc300", 115200, 0.4, true, 1e-3, 0.0, "address", open_zolix_zc300, identify_zolix_zc300,
      kUnconfirmedZc300},
-    {"zolix-sc300", 19200, 1.0, false, "answers_while_moving", open_zolix_sc300,
+    {"zolix-sc300", 19200, 1.0, false, 0.0, 0.0, "answers_while_moving", open_zolix_sc300,
      identify_zolix_sc300, kUnconfirmedSc300},
-    {"leadshine-pr", 38400, 0.3, true, "", open_leadshine_pr, identify_leadshine_pr,
+    {"leadshine-pr", 38400, 0.3, true, 0.0, 0.0, "", open_leadshine_pr, identify_leadshine_pr,
      kUnconfirmedLeadshine},
 };
 
@@ -146,6 +148,34 @@ void check_controllers(const RigFile& rig) {
   }
 }
 
+namespace {
+
+void know_axis(AxisConfig& axis, const ControllerModel& model) {
+  axis.sent_step = model.sent_step;
+  axis.told_step = model.told_step;
+  if (!axis.tolerance_stated)
+    axis.tolerance = std::max(axis.tolerance, 0.5 * axis.per_step() + axis.told_step);
+}
+
+}  // namespace
+
+void know_controllers(RigFile& rig) {
+  check_controllers(rig);
+  for (auto& [id, axis] : rig.axes) {
+    const auto controller =
+        std::ranges::find(rig.controllers, axis.controller, &ControllerConfig::name);
+    know_axis(axis, model_of(*controller));
+    if (axis.tolerance < axis.finest_window() - 1e-12)
+      throw ConfigError(
+          "rig", fmt::format("/axes/{}/tolerance_{}", axis_name(id), axis.unit()),
+          fmt::format("found {:g} {}, allowed: at least {:g} {}. A pulse is {:g} {}, and {} tells "
+                      "positions in steps of {:g} {}: a finer window cannot be seen to be reached.",
+                      axis.tolerance, axis.unit(), axis.finest_window(), axis.unit(),
+                      axis.per_step(), axis.unit(), controller->model, axis.told_step,
+                      axis.unit()));
+  }
+}
+
 void check_controller(const ControllerConfig& controller) {
   const std::string_view own_key = model_of(controller).own_key;
   const auto only_if_own = [&](std::string_view key, bool stated) {
@@ -167,6 +197,7 @@ std::unique_ptr<Controller> open_controller(ControllerSetup setup) {
   const ControllerModel& model = model_of(setup.controller);
   if (setup.controller.reply_timeout_s == 0)
     setup.controller.reply_timeout_s = model.reply_timeout_s;
+  for (AxisConfig& axis : setup.axes) know_axis(axis, model);
   if (model.modbus && setup.controller.line.kind != LineConfig::Kind::kModbusTcp)
     setup.line.want_silence(rtu_silence(baud_of(setup.controller)));
   return model.open(std::move(setup));

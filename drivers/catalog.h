@@ -17,8 +17,11 @@ namespace turntable {
 struct ControllerModel {
   std::string_view model;
   int default_baud;
-  double reply_timeout_s;    ///< that the rig file need not state
-  bool modbus;               ///< so that it can stand behind a Modbus gateway
+  double reply_timeout_s;  ///< that the rig file need not state
+  bool modbus;             ///< so that it can stand behind a Modbus gateway
+  /// In the axis' unit: the least step that a motion can be told, and that a position is told in; 0 = the
+  /// controller speaks in pulses. Sources: protocols/README.md.
+  double sent_step, told_step;
   std::string_view own_key;  ///< of the optional keys of the rig file, the one that it looks at
   std::unique_ptr<Controller> (*open)(ControllerSetup);  ///< talks to nobody yet
   /// Asks who is there, by queries alone; empty if it is another model, or nobody.
@@ -45,6 +48,11 @@ void check_controller(const ControllerConfig& controller);
 /// Modbus, state the same line set-up and have different slaves.
 /// @throws ConfigError as `check_controller`, and for controllers that cannot share their line.
 void check_controllers(const RigFile& rig);
+
+/// Fills in what the models of the controllers say about the rig's axes: steps that can be sent and
+/// told, and with them windows that the rig file does not state.
+/// @throws ConfigError as `check_controllers`, and for a window that is finer than its controller.
+void know_controllers(RigFile& rig);
 
 /// @throws ConfigError for an unknown model or channel.
 std::unique_ptr<Controller> open_controller(ControllerSetup setup);

@@ -39,7 +39,7 @@ MotionAxis<Q>::MotionAxis(const AxisConfig& config, AxisPort<Q>& port, Clock& cl
       clock_(&clock),
       timing_(timing),
       scale_{{config.per_step()}} {
-  config_.tolerance = std::max(config_.tolerance, 0.5 * config_.per_step());
+  config_.tolerance = std::max(config_.tolerance, config_.finest_window());
 }
 
 // ---- what may be asked, and how long it takes
@@ -107,10 +107,10 @@ double MotionAxis<Q>::stall_seconds() const {
 /// The grid must not lead outside a limit, which the controller may enforce too.
 template <class Q>
 Q MotionAxis<Q>::goal_on_grid(Q target) const {
-  Steps steps = scale_.to_steps(target);
-  if (scale_.from_steps(steps).value > config_.reach_upper()) --steps.count;
-  if (scale_.from_steps(steps).value < config_.reach_lower()) ++steps.count;
-  return scale_.from_steps(steps);
+  const double goal = config_.on_grid(target.value);
+  if (goal > config_.reach_upper()) return {config_.on_grid(goal - config_.least_move())};
+  if (goal < config_.reach_lower()) return {config_.on_grid(goal + config_.least_move())};
+  return {goal};
 }
 
 // ---- guards
@@ -300,6 +300,7 @@ void MotionAxis<Q>::send_leg() {
   phase_ = Phase::kMoving;
   move_.last_position = from;
   move_.leg_began = clock_->now();
+  move_.asleep_before = clock_->asleep();
   move_.deadline = move_.leg_began + from_seconds(deadline_seconds(to - from));
   move_.ended_since.reset();
   move_.inside_since.reset();
@@ -447,8 +448,10 @@ bool MotionAxis<Q>::plausible(Q position, Time now) const {
   if (phase_ == Phase::kSettling) return abs(position - move_.last_position).value <= slack();
   const double gone = (position - move_.leg_start).value;
   const double way = (move_.leg_goal - move_.leg_start).value;
+  // A controller goes on while the computer sleeps, and this clock does not.
+  const Time slept = clock_->asleep() - move_.asleep_before;
   const double possible =
-      1.1 * config_.speed * (seconds(now - move_.leg_began) + kLatency_s) + slack();
+      1.1 * config_.speed * (seconds(now - move_.leg_began + slept) + kLatency_s) + slack();
   return gone >= std::min(way, 0.0) - slack() && gone <= std::max(way, 0.0) + slack() &&
          std::abs(gone) <= possible;
 }

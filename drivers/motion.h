@@ -117,6 +117,7 @@ class MotionAxis final : public Axis<Q> {
     std::optional<Q> via;  ///< where the overshoot ends, while that is still to be reached
     Q leg_start{}, leg_goal{};
     Time leg_began{0}, deadline{0};  ///< while waiting: since when, and for how long
+    Time asleep_before{0};           ///< the computer, until the leg began
     Time due{0};                     ///< when the leg should have ended
     Acknowledgement acknowledged{};
     Q last_position{};

@@ -327,10 +327,9 @@ void ModbusMaster::unanswered(const std::string& received, const std::string& fr
   }
   if (!differs.empty())
     throw ProtocolError(fmt::format(
-        "{}: slave {} was asked, and the answer came with {}: {}. The gateway does not repeat what "
-        "it "
-        "was asked with, so its answers cannot be told from late ones. Check its set-up, or take "
-        "another gateway.",
+        "{}: slave {} was asked, and the answer came with {}: {}. It is the late answer to an earlier "
+        "question, or the gateway does not repeat what it was asked with, so that late answers cannot "
+        "be told. Check its set-up, or take another gateway.",
         line_.name(), slave, differs, hex(received)));
   throw ProtocolError(
       fmt::format("{}: slave {} was asked, and what came is no answer to that: {}. Check {}.",

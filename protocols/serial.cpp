@@ -144,6 +144,19 @@ Line open_port(const std::string& path, const std::string& shown, int baud, Pari
 Line open_serial(const std::string& path, int baud, Parity parity, int stop_bits) {
   std::error_code error;
   const std::string real = std::filesystem::canonical(path, error);
+  if (error == std::errc::no_such_file_or_directory) {
+    std::string there;
+    for (const SerialPort& port : list_serial_ports())
+      there += fmt::format("{}{}{}", there.empty() ? "" : ", ", port.path,
+                           port.by_id.empty() ? "" : " (" + port.by_id + ")");
+    throw LineError(
+        fmt::format("serial port {}: is not there. Ports that are: {}. An adapter that was "
+                    "unplugged may come back "
+                    "under another number; its name below /dev/serial/by-id stays. \"turntable "
+                    "resume RUN --line "
+                    "NAME=PORT\" goes on with a run on another port.",
+                    path, there.empty() ? "none" : there));
+  }
   if (error) fail(path, error.message());
   return real.starts_with("/dev/pts/") ? open_pty(real)
                                        : open_port(real, path, baud, parity, stop_bits);
@@ -163,11 +176,16 @@ std::vector<SerialPort> list_serial_ports() {
   if (sp_list_ports(&list) != SP_OK) return ports;
   const auto text = [](const char* s) { return std::string(s != nullptr ? s : ""); };
   for (sp_port** port = list; *port != nullptr; ++port) {
-    SerialPort found{sp_get_port_name(*port), text(sp_get_port_description(*port)), ""};
+    SerialPort found{sp_get_port_name(*port), text(sp_get_port_description(*port)), "", ""};
     int vendor = 0, product = 0;
     if (sp_get_port_usb_vid_pid(*port, &vendor, &product) == SP_OK)
       found.usb_id =
           fmt::format("{:04x}:{:04x} {}", vendor, product, text(sp_get_port_usb_serial(*port)));
+    std::error_code ignored;
+    for (std::filesystem::directory_iterator link("/dev/serial/by-id", ignored), end; link != end;
+         link.increment(ignored))
+      if (std::filesystem::canonical(link->path(), ignored) == found.path)
+        found.by_id = link->path().string();
     ports.push_back(std::move(found));
   }
   sp_free_port_list(list);

@@ -26,6 +26,7 @@ struct SerialPort {
   std::string path;         ///< /dev/ttyUSB0
   std::string description;  ///< "FT232R USB UART"
   std::string usb_id;       ///< "0403:6001 A10K0XYZ", empty if it is not on USB
+  std::string by_id;        ///< "/dev/serial/by-id/...", which stays when numbers change; or empty
 };
 std::vector<SerialPort> list_serial_ports();
 
