@@ -19,7 +19,7 @@ constexpr std::size_t kMemory = 2000;
 
 std::size_t place(AxisId axis) { return static_cast<std::size_t>(axis); }
 
-std::filesystem::path overheads_file(const std::string& rig_name) {
+std::filesystem::path overheads_file(const std::string& key) {
   std::filesystem::path folder;
   if (const char* state = std::getenv("XDG_STATE_HOME"); state != nullptr && *state != '\0')
     folder = state;
@@ -27,7 +27,7 @@ std::filesystem::path overheads_file(const std::string& rig_name) {
     folder = std::filesystem::path(home) / ".local/state";
   else
     return {};
-  return folder / "turntable" / (rig_name + "-overheads.json");
+  return folder / "turntable" / (key + "-overheads.json");
 }
 
 }  // namespace
@@ -35,6 +35,7 @@ std::filesystem::path overheads_file(const std::string& rig_name) {
 Pace::Pace(const Plan& plan, const RigFile& rig, const std::vector<std::size_t>& todo,
            const Overheads& known)
     : planned_(pose_times(plan, rig, todo)), known_(known) {
+  if (known_.poses == 0) known_.image_s += rig.camera.answer_s();
   images_.reserve(todo.size());
   for (const std::size_t pose : todo) images_.push_back(plan.poses[pose].images);
   for (std::size_t i = 0; i < todo.size(); ++i) {
@@ -85,9 +86,29 @@ double Pace::left_s() const {
   return std::max(0.0, left);
 }
 
-std::optional<Overheads> known_overheads(const std::string& rig_name) {
+std::string pace_key(const RigFile& rig, double speed) {
+  std::string key = rig.name;
+  if (speed != 1.0) key += fmt::format("-x{:g}", speed);
+  for (const ControllerConfig& controller : rig.controllers) {
+    const LineConfig& line = controller.line;
+    const std::string_view kind = line.kind == LineConfig::Kind::kSerial      ? "serial"
+                                  : line.kind == LineConfig::Kind::kTcp       ? "tcp"
+                                  : line.kind == LineConfig::Kind::kModbusTcp ? "modbus_tcp"
+                                                                              : "";
+    if (kind.empty()) continue;
+    key += fmt::format("-{}.{}", controller.name, kind);
+    if (line.baud != 0) key += fmt::format(".{}", line.baud);
+    // A pty is a served controller, or somebody's relay.
+    std::error_code error;
+    if (std::filesystem::canonical(line.serial_port, error).string().starts_with("/dev/pts/"))
+      key += ".pty";
+  }
+  return key;
+}
+
+std::optional<Overheads> known_overheads(const std::string& key) {
   try {
-    const std::filesystem::path file = overheads_file(rig_name);
+    const std::filesystem::path file = overheads_file(key);
     if (file.empty() || !std::filesystem::exists(file)) return std::nullopt;
     const auto json = nlohmann::json::parse(read_text(file));
     const auto sane = [](double s) { return std::isfinite(s) && std::abs(s) < 3600.0; };
@@ -106,18 +127,16 @@ std::optional<Overheads> known_overheads(const std::string& rig_name) {
   }
 }
 
-void remember_overheads(const std::string& rig_name, const Overheads& overheads) {
+void remember_overheads(const std::string& key, const Overheads& overheads) {
   try {
-    const std::filesystem::path file = overheads_file(rig_name);
+    const std::filesystem::path file = overheads_file(key);
     if (file.empty() || overheads.poses == 0) return;
     std::filesystem::create_directories(file.parent_path());
     auto legs = nlohmann::json::object();
     for (const AxisId id : kAllAxes)
       if (const auto& leg = overheads.leg_s[place(id)]) legs[std::string(axis_name(id))] = *leg;
-    const nlohmann::json json{{"rig", rig_name},
-                              {"leg_s", legs},
-                              {"image_s", overheads.image_s},
-                              {"poses", overheads.poses}};
+    const nlohmann::json json{
+        {"key", key}, {"leg_s", legs}, {"image_s", overheads.image_s}, {"poses", overheads.poses}};
     write_atomically(file, json.dump(1) + "\n");
   } catch (const std::exception&) {
   }

@@ -52,10 +52,14 @@ class Pace {
   std::size_t poses_ = 0;  ///< taken
 };
 
-/// What earlier runs on the rig of this name have taught; nothing if there were none, or the file
-/// cannot be read. Kept in $XDG_STATE_HOME/turntable (default ~/.local/state/turntable).
-std::optional<Overheads> known_overheads(const std::string& rig_name);
+/// What overheads are learned for: the rig by its name, the pace of its clock, and how its controllers
+/// are reached. A rehearsal on served devices at ten times the speed says nothing about the night.
+/// "ideal", or "ideal-x10-mc1.tcp" for what is not a simulation inside the program at its own pace.
+std::string pace_key(const RigFile& rig, double speed);
+/// What earlier runs under this key have taught; nothing if there were none, or the file cannot be read.
+/// Kept in $XDG_STATE_HOME/turntable (default ~/.local/state/turntable).
+std::optional<Overheads> known_overheads(const std::string& key);
 /// Silent where it cannot: an estimate is a courtesy.
-void remember_overheads(const std::string& rig_name, const Overheads& overheads);
+void remember_overheads(const std::string& key, const Overheads& overheads);
 
 }  // namespace turntable

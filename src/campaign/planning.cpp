@@ -382,6 +382,7 @@ void sweep(AxisSweep& out, const AxisConfig& axis, const Plan& plan) {
   out.cable_upper = axis.cable_upper;
   out.target_lower = std::numeric_limits<double>::infinity();
   out.target_upper = -out.target_lower;
+  if (axis.sent_step > axis.per_step()) out.sent_step = axis.sent_step;
   out.swept_lower = std::min(0.0, -axis.backlash);
   out.swept_upper = std::max(0.0, -axis.backlash);
   double from = 0.0;
@@ -393,8 +394,7 @@ void sweep(AxisSweep& out, const AxisConfig& axis, const Plan& plan) {
       out.swept_lower = std::min(out.swept_lower, at);
       out.swept_upper = std::max(out.swept_upper, at);
     }
-    const double pulses = to / axis.per_step();
-    if (std::abs(pulses - std::round(pulses)) > 1e-6) ++out.off_grid;
+    if (std::abs(to - axis.on_grid(to)) > 1e-6 * axis.per_step()) ++out.off_grid;
     from = to;
   }
 }
@@ -537,7 +537,7 @@ std::vector<PhaseTimes> pose_times(const Plan& plan, const RigFile& rig,
     payload = pose.payload;
     go(time, [&pose](AxisId id) { return pose.target(id); });
     time.settle_s += pose.dwell_s;
-    time.trigger_s = kFrameSeconds * pose.images;
+    time.trigger_s = (kFrameSeconds + rig.camera.answer_s()) * pose.images;
     times.push_back(time);
   }
   return times;
@@ -591,8 +591,13 @@ std::string plan_summary(const Plan& plan, const PlanReport& report) {
         a.limit_lower, a.limit_upper, cable, a.margin(), unit);
     if (a.off_grid > 0)
       out += fmt::format(
-          "         {} poses of {} lie between two pulses; the nearest pulse is taken\n",
-          a.off_grid, axis_name(kAllAxes[i]));
+          "         {} poses of {} lie between two pulses{}; the nearest {} is taken\n", a.off_grid,
+          axis_name(kAllAxes[i]),
+          a.sent_step > 0
+              ? fmt::format(", or off the steps of {:g} {} that the controller can be sent to",
+                            a.sent_step, unit)
+              : "",
+          a.sent_step > 0 ? "pulse that can be reached" : "pulse");
   }
   out += fmt::format(
       "\n  field of view: every point stays {:.0f} px or more inside the image (nominal camera)\n",

@@ -46,12 +46,13 @@ struct AxisSweep {
   double swept_lower = 0.0, swept_upper = 0.0;    ///< with overshoot and zero
   double limit_lower = 0.0, limit_upper = 0.0;    ///< soft limits
   double cable_lower = 0.0, cable_upper = 0.0;    ///< infinite = not stated
-  std::size_t off_grid = 0;  ///< poses whose target is not a whole number of pulses
+  std::size_t off_grid = 0;  ///< poses whose target is no place that the axis can be sent to
+  double sent_step = 0.0;    ///< of the controller, where that is coarser than a pulse
   double margin() const;     ///< to the nearest soft limit or end of the cable
 };
 
-/// Exposure and transfer of one frame, before a rig has shown its own: what a triggered 1 Mpx camera
-/// takes. s
+/// Transfer and inspection of one frame, before a rig has shown its own: what a triggered 1 Mpx camera
+/// takes beside an exposure and a latency that the rig file states. s
 constexpr double kFrameSeconds = 0.05;
 
 struct PhaseTimes {

@@ -221,7 +221,15 @@ class Acquisition {
     for (std::size_t i = 0; i < kAllAxes.size(); ++i) targets[i] = pose.target(kAllAxes[i]);
     job.taken.planned = pose;
     job.overlap = overlap;
+    const Time asleep = rig_.clock->asleep();
     move(targets);
+    if (const Time slept = rig_.clock->asleep() - asleep; slept > Time{0})
+      worker.note([slept](RunJournal& journal) {
+        journal.interruption(
+            "sleep", fmt::format("the computer slept for {:.1f} s during a move, which ended as it "
+                                 "should. Keep it awake: systemd-inhibit turntable run ...",
+                                 seconds(slept)));
+      });
     for (std::size_t i = 0; i < kAllAxes.size(); ++i)
       job.taken.axis(kAllAxes[i]) = held_[i]->readback;
     if (pose.dwell_s > 0.0) {
@@ -397,7 +405,8 @@ class Acquisition {
         stayed.position = axis.position().value;
         stayed.retries = 0;
         stayed.missed =
-            std::abs(stayed.position - targets[i]) > rig_file_.axis(kAllAxes[i]).tolerance;
+            std::abs(stayed.position - rig_file_.axis(kAllAxes[i]).on_grid(targets[i])) >
+            rig_file_.axis(kAllAxes[i]).tolerance;
       });
     }
     const double elapsed = seconds(rig_.clock->now() - began);

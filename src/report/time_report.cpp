@@ -212,7 +212,7 @@ std::vector<Span> suspensions(const RunSession& session, double end_s) {
     if (i.what == "suspend" && i.rig_time_s) {
       spans.push_back({*i.rig_time_s, end_s});
       open = true;
-    } else if (open) {
+    } else if (open && i.what != "sleep") {
       spans.back().to_s = i.rig_time_s.value_or(end_s);
       open = false;
     }

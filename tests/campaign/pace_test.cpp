@@ -102,5 +102,23 @@ TEST_F(PaceTest, RemembersOverheadsPerRigAndForgetsNonsense) {
     ::unsetenv("XDG_STATE_HOME");
 }
 
+TEST_F(PaceTest, KeepsWhatARehearsalTeachesApart) {
+  const std::string simulated = pace_key(rig, 1.0);
+  EXPECT_EQ(simulated, rig.name);
+  LineConfig& line = rig.controllers.front().line;
+  line.kind = LineConfig::Kind::kSerial;
+  line.serial_port = "/dev/ttyUSB7";
+  const std::string real = pace_key(rig, 1.0);
+  EXPECT_NE(real, simulated);
+  EXPECT_NE(pace_key(rig, 10.0), real);
+  line.baud = 9600;
+  EXPECT_NE(pace_key(rig, 1.0), real);
+  line.baud = 0;
+  line.serial_port = "/dev/ttyUSB8";  // an adapter that was plugged in anew
+  EXPECT_EQ(pace_key(rig, 1.0), real);
+  line.kind = LineConfig::Kind::kTcp;
+  EXPECT_NE(pace_key(rig, 1.0), real);
+}
+
 }  // namespace
 }  // namespace turntable
