@@ -126,12 +126,25 @@ struct Taking {
   fs::path root;
   const std::optional<Calibration>& calibration;  ///< given, instead of a sweep of the run's own
   AcquireOptions options = {};
-  bool accepts_changes = false;            ///< of a run that goes on
-  std::vector<std::string> accepted = {};  ///< what has changed since it began
+  bool accepts_changes = false;               ///< of a run that goes on
+  std::vector<std::string> accepted = {};     ///< what has changed since it began
+  std::vector<std::string> other_lines = {};  ///< "mc1=/dev/ttyUSB1"
 };
 
+/// A device without the line that it is on, if it is one of those whose line was stated anew.
+std::string without_line(const std::string& identity, const std::vector<std::string>& other_lines) {
+  for (const std::string& line : other_lines) {
+    const std::string head = fmt::format("\"{}\" on ", line.substr(0, line.find('=')));
+    const std::size_t begin = identity.find(head), end = identity.find(", channels", begin);
+    if (begin != identity.npos && end != identity.npos)
+      return identity.substr(0, begin + head.size()) + "its line" + identity.substr(end);
+  }
+  return identity;
+}
+
 /// A run goes on with the devices that it began with. @return what differs.
-std::vector<std::string> other_devices(const Rig& rig, const RunState& before) {
+std::vector<std::string> other_devices(const Rig& rig, const RunState& before,
+                                       const std::vector<std::string>& other_lines) {
   std::vector<std::string> differences;
   if (before.start_document.empty()) return differences;
   const auto start = nlohmann::json::parse(before.start_document);
@@ -139,7 +152,8 @@ std::vector<std::string> other_devices(const Rig& rig, const RunState& before) {
   for (std::size_t i = 0; i < std::max(devices.size(), rig.identities.size()); ++i) {
     const std::string then = i < devices.size() ? devices[i] : "nothing";
     const std::string now = i < rig.identities.size() ? rig.identities[i] : "nothing";
-    if (then != now) differences.push_back(fmt::format("device: {}; at the start: {}", now, then));
+    if (without_line(then, other_lines) != without_line(now, other_lines))
+      differences.push_back(fmt::format("device: {}; at the start: {}", now, then));
   }
   const std::string camera = start.value("camera", "");
   if (camera != rig.camera->identity())
@@ -245,8 +259,8 @@ void ask_devices(const TakeArguments& a, const std::string& command, const RigFi
 }
 
 /// The plan's time as this rig takes it, once it is known.
-void print_learned_time(const Plan& plan, const RigFile& rig) {
-  const auto known = known_overheads(rig.name);
+void print_learned_time(const Plan& plan, const RigFile& rig, double speed) {
+  const auto known = known_overheads(pace_key(rig, speed));
   if (!known) return;
   std::vector<std::size_t> all(plan.poses.size());
   std::iota(all.begin(), all.end(), std::size_t{0});
@@ -267,7 +281,7 @@ AcquireSummary take_poses(const Taking& taking, std::optional<RunFolder>& folder
   fmt::print("devices:\n");
   print_list(rig.identities);
   AcquireOptions options = taking.options;
-  options.overheads = known_overheads(taking.rig.name).value_or(Overheads{});
+  options.overheads = known_overheads(pace_key(taking.rig, a.speed)).value_or(Overheads{});
   print_check(check_devices(rig, taking.rig, taking.plan, options), taking.rig);
   std::vector<std::string> changes;
   fs::path calibration;  // of the run
@@ -279,13 +293,14 @@ AcquireSummary take_poses(const Taking& taking, std::optional<RunFolder>& folder
   } else {
     folder = RunFolder::open(taking.root);
     calibration = first_calibration(*folder, *before);
-    changes = other_devices(rig, *before);
+    changes = other_devices(rig, *before, taking.other_lines);
     if (!taking.accepts_changes) refuse_changes(taking.root, changes);
     changes.insert(changes.begin(), taking.accepted.begin(), taking.accepted.end());
   }
   nlohmann::json start = run_provenance(taking.rig, taking.plan, taking.arguments.command_line,
                                         taking.calibration ? calibration : fs::path());
   if (!changes.empty()) start["accepted_changes"] = changes;
+  if (!taking.other_lines.empty()) start["other_lines"] = taking.other_lines;
   if (!taking.arguments.solvers.empty()) start["solvers"] = taking.arguments.solvers;
   fmt::print("run: {}\n", folder->root().string());
   std::fflush(stdout);
@@ -304,7 +319,7 @@ AcquireSummary take_poses(const Taking& taking, std::optional<RunFolder>& folder
           line.update(p.done, p.total, p.phase, p.eta_s);
           waiting.look(p);
         });
-    remember_overheads(taking.rig.name, summary.overheads);
+    remember_overheads(pace_key(taking.rig, a.speed), summary.overheads);
     return summary;
   } catch (const NotStopped&) {
     kept("");
@@ -392,13 +407,13 @@ int plan_command(const PlanArguments& a) {
       if (!out.empty() && fs::equivalent(out, in, error))
         throw ConfigError(out.string(), "",
                           "is an input of this plan and would be written over. Name another file.");
-  const RigFile rig = load_rig_file(a.rig);
+  const RigFile rig = load_rig(a.rig);
   Campaign campaign = load_campaign(a.scenario);
   provide_calibration(campaign, rig, a.calibration);
   const Plan plan = plan_campaign(campaign, rig);
   const PlanReport report = check_plan(plan, rig, {archive_mode_from_name(a.images), a.out});
   fmt::print("{}", plan_summary(plan, report));
-  print_learned_time(plan, rig);
+  print_learned_time(plan, rig, 1.0);
   const std::vector<OrderTime> orders = order_times(campaign, rig);
   if (!orders.empty()) fmt::print("\n  motion by order of poses (* = as the scenario says):\n");
   for (std::size_t i = 0; i < orders.size(); ++i) {
@@ -421,7 +436,7 @@ int plan_command(const PlanArguments& a) {
 }
 
 int run_command(const RunArguments& a) {
-  const RigFile rig_file = load_rig_file(a.rig);
+  const RigFile rig_file = load_rig(a.rig);
   Campaign campaign = load_campaign(a.scenario);
   const EvaluateOptions options = solvers_named(a.solvers);
   const CameraSource camera = provide_calibration(campaign, rig_file, a.calibration);
@@ -441,7 +456,7 @@ int run_command(const RunArguments& a) {
   const fs::path root = a.out.empty() ? RunFolder::default_root(plan.name) : a.out;
   const PlanReport report = check_plan(plan, rig_file, {archive, root});
   fmt::print("{}", plan_summary(plan, report));
-  print_learned_time(plan, rig_file);
+  print_learned_time(plan, rig_file, a.speed);
   if (a.configure && a.dry_run)
     throw ConfigError(
         "--configure", "",
@@ -476,7 +491,9 @@ int resume_command(const ResumeArguments& a) {
     before.line_of_pose.assign(before.plan.poses.size(), 0);
   }
   const Plan& plan = before.plan;
-  const RigFile rig_file = rig_of(before);
+  RigFile rig_file = rig_of(before);
+  know_rig(rig_file);
+  const std::vector<std::string> other_lines = put_lines(rig_file, a.lines);
   const nlohmann::json start = before.start_document.empty()
                                    ? nlohmann::json::object()
                                    : nlohmann::json::parse(before.start_document);
@@ -522,6 +539,7 @@ int resume_command(const ResumeArguments& a) {
   Taking taking{a, fmt::format("resume {}", a.run.string()), rig_file, plan, a.run, loaded};
   taking.accepts_changes = a.accept_changes;
   taking.accepted = std::move(changes);
+  taking.other_lines = other_lines;
   if (!before.start_document.empty()) {
     if (start.value("plan_sha256", "") != plan_sha256(plan))
       throw ConfigError(folder.plan().string(), "",

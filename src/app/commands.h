@@ -51,6 +51,7 @@ struct ResumeArguments : TakeArguments {
   std::filesystem::path run;
   std::size_t overlap = 2;
   bool accept_changes = false;
+  std::vector<std::string> lines;  ///< "mc1=/dev/ttyUSB1": where controllers are to be found now
 };
 /// Ends a pause if the run is still being taken; goes on with it otherwise.
 int resume_command(const ResumeArguments& a);

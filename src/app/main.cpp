@@ -268,6 +268,10 @@ int main(int argc, char** argv) {
       ->capture_default_str()
       ->check(CLI::Range(0, 1000));
   resume_verb->add_option("--solver", resume.solvers, solvers_help)->delimiter(',');
+  resume_verb->add_option(
+      "--line", resume.lines,
+      "where a controller is to be found now, as NAME=PORT or NAME=HOST:PORT, for example "
+      "mc1=/dev/ttyUSB1; may be given several times, and the journal says so");
   resume_verb->add_flag("--accept-changes", resume.accept_changes,
                         "go on although files or devices differ from those at the start; the "
                         "journal says so");

@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <charconv>
 #include <csignal>
 #include <cstdio>
 #include <fstream>
@@ -38,11 +39,17 @@ std::vector<AxisConfig> axes_on(const RigFile& file, const std::string& controll
   return axes;
 }
 
+/// Where a simulated axis really is, as the rig counts it.
+double true_position(const RigFile& file, const sim::AxisModel& model, AxisId id, Time now) {
+  return (file.axis(id).reversed ? -1.0 : 1.0) * model.true_position(now);
+}
+
 std::unique_ptr<sim::ControllerSimulator> simulator_for(const RigFile& file,
                                                         const ControllerConfig& controller) {
-  return sim::simulate_controller(
-      controller.model,
-      {axes_on(file, controller.name), file.simulation->axes, file.simulation->seed, controller});
+  std::vector<AxisConfig> axes = axes_on(file, controller.name);
+  for (AxisConfig& axis : axes) axis = controller_side(axis);
+  return sim::simulate_controller(controller.model, {std::move(axes), file.simulation->axes,
+                                                     file.simulation->seed, controller});
 }
 
 /// The names of the controllers on a controller's line: "mc1", or "mc1+mc2" where they share it.
@@ -184,8 +191,8 @@ Axes open_controllers(const RigFile& file, const OpenRigOptions& options,
     } else if (!lines.contains(id)) {
       lines.emplace(id, open_line(config, log));
     }
-    std::shared_ptr<Controller> controller = open_controller(
-        {config, on_it, lines.at(manual != nullptr ? config.name : id), rig.clock});
+    std::shared_ptr<Controller> controller =
+        open_controller({config, on_it, lines.at(manual != nullptr ? config.name : id), rig.clock});
     rig.owned.push_back(controller);
     axes.controllers.push_back(controller.get());
     for (const AxisConfig& axis : on_it) {
@@ -230,9 +237,9 @@ Axes open_controllers(const RigFile& file, const OpenRigOptions& options,
   rig.keep_alive = [controllers = axes.controllers] {
     for (Controller* controller : controllers) controller->keep_alive();
   };
-  rig.trust_references = [controllers = axes.controllers] {
+  rig.trust_references = [controllers = axes.controllers](std::span<const AxisId> ids) {
     for (Controller* controller : controllers)
-      for (const AxisId id : kAllAxes) controller->trust_reference(id);
+      for (const AxisId id : ids) controller->trust_reference(id);
   };
   return axes;
 }
@@ -259,11 +266,10 @@ class CameraMaker {
     if (file_.camera.model == "simulated" || file_.camera.simulated)
       make_world();
     else
-      rig_.mount =
-          options_.assume_mounted ? std::function<void(Payload)>([](Payload) {})
-                                  : [controllers = axes_.controllers](Payload payload) {
-                                      ask_to_mount(payload, controllers);
-                                    };
+      rig_.mount = options_.assume_mounted ? std::function<void(Payload)>([](Payload) {})
+                                           : [controllers = axes_.controllers](Payload payload) {
+                                               ask_to_mount(payload, controllers);
+                                             };
     if (file_.camera.model == "simulated")
       keep(make_simulated());
     else
@@ -274,10 +280,10 @@ class CameraMaker {
  private:
   void make_world() {
     // A world on controllers that live in another process knows only what they report.
-    const auto where = [models = axes_.models, clock = rig_.clock, stage = rig_.stage,
+    const auto where = [file = file_, models = axes_.models, clock = rig_.clock, stage = rig_.stage,
                         yaw = rig_.yaw, roll = rig_.roll, pitch = rig_.pitch](AxisId id) {
       if (const auto it = models.find(id); it != models.end())
-        return it->second->true_position(clock->now());
+        return true_position(file, *it->second, id, clock->now());
       if (stage == nullptr) return 0.0;  // the camera alone
       if (id == AxisId::kStage) return stage->position().value;
       return (id == AxisId::kYaw ? yaw : id == AxisId::kRoll ? roll : pitch)->position().value;
@@ -378,17 +384,18 @@ Rig open_devices(const RigFile& file, const OpenRigOptions& options) {
 /// Where the served axes really are, for a camera that looks from another thread.
 class Whereabouts final : public Actor {
  public:
-  explicit Whereabouts(std::map<AxisId, const sim::AxisModel*> models)
-      : models_(std::move(models)) {}
+  Whereabouts(const RigFile& file, std::map<AxisId, const sim::AxisModel*> models)
+      : file_(file), models_(std::move(models)) {}
   int descriptor() const override { return -1; }
   std::optional<Time> next_due() const override { return due_; }
   void act(Time now) override {
-    for (const auto& [id, model] : models_) at(id) = model->true_position(now);
+    for (const auto& [id, model] : models_) at(id) = true_position(file_, *model, id, now);
     due_ = now + std::chrono::milliseconds{5};
   }
   std::atomic<double>& at(AxisId id) { return places_.at(static_cast<std::size_t>(id)); }
 
  private:
+  const RigFile& file_;
   std::map<AxisId, const sim::AxisModel*> models_;
   std::array<std::atomic<double>, kAllAxes.size()> places_{};
   Time due_{0};
@@ -479,7 +486,7 @@ void serve_devices(const RigFile& file, const ServeOptions& options) {
   for (const auto& [id, axis] : file.axes)
     models[id] = &std::ranges::find(served, axis.controller, &sim::ServedController::name)
                       ->simulator->axis(id);
-  Whereabouts where(models);
+  Whereabouts where(file, models);
   const auto world =
       std::make_shared<sim::World>(file, [&where](AxisId id) { return where.at(id).load(); });
   Assistant assistant(*world);
@@ -499,6 +506,56 @@ void serve_devices(const RigFile& file, const ServeOptions& options) {
 }
 
 }  // namespace
+
+RigFile load_rig(const std::filesystem::path& file) {
+  RigFile rig = load_rig_file(file);
+  naming_the_file(rig, [&] { know_controllers(rig); });
+  return rig;
+}
+
+std::vector<std::string> put_lines(RigFile& rig, const std::vector<std::string>& lines) {
+  std::vector<std::string> names;
+  for (const ControllerConfig& controller : rig.controllers) names.push_back(controller.name);
+  std::vector<std::string> done;
+  for (const std::string& text : lines) {
+    const auto refuse = [&](const std::string& why) {
+      throw ConfigError(
+          "--line", "",
+          fmt::format("found \"{}\", allowed: NAME=PORT or NAME=HOST:PORT, for example "
+                      "mc1=/dev/ttyUSB1; {}.",
+                      text, why));
+    };
+    const std::size_t equals = text.find('=');
+    const std::string name = text.substr(0, equals);
+    const auto controller = std::ranges::find(rig.controllers, name, &ControllerConfig::name);
+    if (equals == text.npos || equals + 1 == text.size() || controller == rig.controllers.end())
+      refuse(fmt::format("NAME is a controller of the rig: {}", fmt::join(names, ", ")));
+    LineConfig& line = controller->line;
+    if (line.kind == LineConfig::Kind::kSimulated)
+      refuse(fmt::format("{} is simulated inside this program", name));
+    const std::string where = text.substr(equals + 1);
+    const std::size_t colon = where.rfind(':');
+    int port = 0;
+    const char* end = where.data() + where.size();
+    if (colon == where.npos || where.find('/') != where.npos) {
+      line.kind = LineConfig::Kind::kSerial;
+      line.serial_port = where;
+    } else if (const auto [stop, error] = std::from_chars(where.data() + colon + 1, end, port);
+               error == std::errc() && stop == end && port >= 1 && port <= 65535 && colon > 0) {
+      if (line.kind == LineConfig::Kind::kSerial) line.kind = LineConfig::Kind::kTcp;
+      line.host = where.substr(0, colon);
+      line.tcp_port = static_cast<std::uint16_t>(port);
+    } else {
+      refuse("a port of TCP is a number from 1 to 65535");
+    }
+    done.push_back(text);
+  }
+  return done;
+}
+
+void know_rig(RigFile& rig) {
+  naming_the_file(rig, [&] { know_controllers(rig); });
+}
 
 Rig open_rig(const RigFile& file, const OpenRigOptions& options) {
   return naming_the_file(file, [&] { return open_devices(file, options); });

@@ -17,6 +17,16 @@ struct OpenRigOptions {
   bool connect = true;             ///< false: nobody is asked anything, only a stop is possible
 };
 
+/// Reads a rig file, and adds what its controllers' models say about its axes. Opens nothing.
+/// @throws ConfigError as `load_rig_file`, and for controllers that cannot be as the file says.
+RigFile load_rig(const std::filesystem::path& file);
+/// The second part of it, for a rig that was read from a run.
+void know_rig(RigFile& rig);
+
+/// Puts controllers on other lines: "mc1=/dev/ttyUSB1", "mc1=10.0.0.7:4001". A line is no part of what is
+/// measured. @return the same, as understood. @throws ConfigError for what cannot be.
+std::vector<std::string> put_lines(RigFile& rig, const std::vector<std::string>& lines);
+
 /// Opens lines, controllers and camera, and verifies the controllers' set-up against the rig file.
 /// Moves nothing. On simulated lines the rig runs on a ManualClock: hours pass in seconds, the same
 /// way every time.

@@ -59,6 +59,20 @@ std::pair<std::string, std::uint16_t> host_argument(const std::string& text) {
                     fmt::format("found \"{}\", allowed: host:port, port 1 to 65535.", text));
 }
 
+/// A relative move that would be rounded to nothing. Said before anything is opened.
+void require_a_move(const AxisConfig& axis, double by) {
+  if (by == 0.0 || std::abs(by) >= 0.5 * axis.least_move()) return;
+  throw ConfigError(
+      std::string(axis_name(axis.id)), "",
+      fmt::format(
+          "found {:g} {} --relative, allowed: at least half of {:g} {}, the least step of this "
+          "axis ({}). Nothing would move, however often it is said. Ask for a whole number of "
+          "steps.",
+          by, axis.unit(), axis.least_move(), axis.unit(),
+          axis.sent_step > axis.per_step() ? "what its controller can be sent to"
+                                           : "a pulse of its motor"));
+}
+
 /// Whatever ends `work`, the axes are stopped before the rig is let go.
 template <class Work>
 void moving(const Rig& rig, Work&& work) {
@@ -101,7 +115,7 @@ int devices_command(const DevicesArguments& a) {
   std::vector<std::pair<std::string, std::uint16_t>> servers;
   for (const std::string& host : a.hosts) servers.push_back(host_argument(host));
   std::vector<SerialPort> ports = list_serial_ports();
-  for (const std::string& path : a.ports) ports.push_back({path, "as asked", ""});
+  for (const std::string& path : a.ports) ports.push_back({path, "as asked", "", ""});
   if (ports.empty()) fmt::print("no serial ports\n");
   SystemClock clock;
   const auto asked = [&](const std::string& line, const std::string& what, auto&& open) {
@@ -119,7 +133,9 @@ int devices_command(const DevicesArguments& a) {
     std::fflush(stdout);
   };
   for (const SerialPort& port : ports)
-    asked(port.path, port.description + (port.usb_id.empty() ? "" : " (" + port.usb_id + ")"),
+    asked(port.path,
+          port.description + (port.usb_id.empty() ? "" : " (" + port.usb_id + ")") +
+              (port.by_id.empty() ? "" : ", always " + port.by_id),
           [&](const ControllerModel& model) { return open_serial(port.path, model.default_baud); });
   for (const auto& [host, port] : servers)
     asked(fmt::format("{}:{}", host, port), "TCP",
@@ -155,7 +171,7 @@ void print_unconfirmed(const RigFile& file) {
 
 int status_command(const HandArguments& a) {
   stop_at_first_interrupt();
-  const RigFile file = load_rig_file(a.rig);
+  const RigFile file = load_rig(a.rig);
   const std::vector<LineHolder> holders = line_holders(file);
   for (const LineHolder& holder : holders)
     fmt::print("{} is in use by {}\n", holder.line, holder.who);
@@ -184,7 +200,7 @@ int home_command(const HomeArguments& a) {
   std::vector<AxisId> ids;
   for (const std::string& name : a.axes) ids.push_back(axis_argument(name));
   if (ids.empty()) ids.assign(kAllAxes.begin(), kAllAxes.end());
-  const RigFile file = load_rig_file(a.rig);
+  const RigFile file = load_rig(a.rig);
   const RigLock lock(file, "home");
   const Rig rig = open_axes(file, {a.configure, false, a.wire_log, a.speed});
   moving(rig, [&] { home(rig, ids); });
@@ -213,7 +229,9 @@ int move_command(const MoveArguments& a) {
       throw ConfigError(a.targets[i], "", "is given twice. State each axis once.");
     targets.emplace_back(id, number_argument(a.targets[i], a.targets[i + 1]));
   }
-  const RigFile file = load_rig_file(a.rig);
+  const RigFile file = load_rig(a.rig);
+  if (a.relative)
+    for (const auto& [id, value] : targets) require_a_move(file.axis(id), value);
   const RigLock lock(file, "move");
   const Rig rig = open_axes(file, {false, false, a.wire_log, a.speed});
   if (!a.relative || a.home)  // before anything moves; after homing an axis stands at 0
@@ -225,7 +243,9 @@ int move_command(const MoveArguments& a) {
       for (const auto& [id, value] : targets) ids.push_back(id);
       home(rig, ids);
     } else {
-      rig.trust_references();
+      std::vector<AxisId> ids;
+      for (const auto& [id, value] : targets) ids.push_back(id);
+      rig.trust_references(ids);
     }
     if (a.relative)
       for (auto& [id, value] : targets)
@@ -250,8 +270,15 @@ int move_command(const MoveArguments& a) {
   for (const auto& [id, value] : targets)
     with_axis(rig, id, [&, id = id](auto& axis) {
       const auto arrival = axis.arrival();
-      fmt::print("{:<6} {:12.5f} {}, asked for {:g}{}\n", axis_name(id), arrival.position.value,
+      const AxisConfig& config = file.axis(id);
+      const double off =
+          std::abs(config.on_grid(arrival.requested.value) - arrival.requested.value);
+      fmt::print("{:<6} {:12.5f} {}, asked for {:g}{}{}\n", axis_name(id), arrival.position.value,
                  arrival.position.unit(), arrival.requested.value,
+                 off > 0.02 * config.per_step()
+                     ? fmt::format(" (the nearest of places {:g} {} apart)", config.least_move(),
+                                   config.unit())
+                     : "",
                  arrival.missed ? fmt::format(": missed after {} retries", arrival.retries) : "");
       missed = missed || arrival.missed;
     });
@@ -260,7 +287,7 @@ int move_command(const MoveArguments& a) {
 
 int stop_command(const HandArguments& a) {
   stop_at_first_interrupt();
-  RigFile file = load_rig_file(a.rig);
+  RigFile file = load_rig(a.rig);
   for (const ControllerConfig& controller : file.controllers)
     if (controller.line.kind == LineConfig::Kind::kSimulated)
       throw ConfigError(file.file, "/controllers/" + controller.name + "/line",
@@ -304,7 +331,7 @@ int stop_command(const HandArguments& a) {
 }
 
 int simulate_command(const SimulateArguments& a) {
-  const RigFile rig = load_rig_file(a.rig);
+  const RigFile rig = load_rig(a.rig);
   if (!a.links.empty()) {
     require_writable(a.links, "the links", "--links");
     make_folder(a.links);

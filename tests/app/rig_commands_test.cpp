@@ -226,6 +226,59 @@ TEST(SimulatedRig, CannotBeStoppedFromElsewhereAndSaysSo) {
   EXPECT_THAT(o.output, HasSubstr("simulated inside each program"));
 }
 
+TEST_F(ServedRig, MovesAnAxisWhoseNeighboursHaveNotBeenHomed) {
+  serve("two_zc300", {"pty", "pty"});
+  EXPECT_EQ(rig("home yaw").code, 0);
+  Outcome o = rig("move yaw 10", "--homed");
+  EXPECT_EQ(o.code, 0) << o.output;
+  o = rig("move roll 5", "--homed");
+  EXPECT_EQ(o.code, 3);
+  EXPECT_THAT(o.output, HasSubstr("axis roll"));
+}
+
+TEST_F(ServedRig, RefusesARelativeMoveThatIsLessThanHalfAPulse) {
+  serve("simulated", {"pty"});
+  EXPECT_EQ(rig("home yaw").code, 0);
+  Outcome o = rig("move yaw 0.0006", "--relative --homed");
+  EXPECT_EQ(o.code, 2);
+  EXPECT_THAT(o.output, HasSubstr("at least half of 0.00125 deg"));
+  o = rig("move yaw 0.001", "--relative --homed");
+  EXPECT_EQ(o.code, 0) << o.output;
+  EXPECT_THAT(o.output, HasSubstr("0.00125 deg, asked for 0.001 (the nearest of places 0.00125"));
+}
+
+TEST_F(ServedRig, GoesOnWithARunOnAnAdapterThatCameBackUnderAnotherName) {
+  serve("simulated", {"pty"});
+  const fs::path run = folder / "run";
+  BackgroundProgram taken(
+      "run " + (kScenarios / "quick/uniaxial_z.json").string() + " --rig " + file.string() +
+          " --speed 4 --solver posit --assume-mounted --calibration " +
+          (kScenarios / "calibrations/paper_table1.json").string() + " --out " + run.string(),
+      folder / "run.log");
+  for (int i = 0; i < 3000 && slurp(run / "journal.jsonl").find("pose_id") == std::string::npos;
+       ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds{10});
+  server.reset();
+  EXPECT_EQ(taken.ended(), 3) << taken.output();
+
+  fs::create_directory(folder / "new");
+  server = std::make_unique<BackgroundProgram>(
+      "simulate " + file.string() + " --speed 4 --links " + (folder / "new").string(),
+      folder / "server.log");
+  ASSERT_TRUE(server->prints("/dev/pts/"));
+  fs::remove(folder / "mc1");
+  const std::string resume = "resume " + run.string() + " --speed 4 --assume-mounted ";
+  Outcome o = turntable_program(resume);
+  EXPECT_EQ(o.code, 3);
+  EXPECT_THAT(o.output, HasSubstr("resume RUN --line"));
+  o = turntable_program(resume + "--line mc2=/dev/ttyUSB1");
+  EXPECT_EQ(o.code, 2);
+  EXPECT_THAT(o.output, HasSubstr("a controller of the rig: mc1"));
+  o = turntable_program(resume + "--line mc1=" + (folder / "new/mc1").string());
+  EXPECT_EQ(o.code, 0) << o.output;
+  EXPECT_THAT(slurp(run / "journal.jsonl"), HasSubstr("\"other_lines\":[\"mc1="));
+}
+
 TEST_F(ServedRig, GoesWrongByAFile) {
   spill(folder / "faults.json",
         R"({"format": "turntable-faults/1", "faults": [

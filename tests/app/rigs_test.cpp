@@ -41,6 +41,23 @@ TEST_F(Rigs, OfEveryControllerGiveTheSameTables) {
   }
 }
 
+TEST_F(Rigs, WhoseStageCountsTheOtherWayGiveTheSameTables) {
+  const fs::path rigs = fs::path(TURNTABLE_SOURCE_DIR) / "scenarios/rigs";
+  std::string text = slurp(rigs / "ideal.json");
+  const std::string stage = "\"stage\": \"zolix-tsa200\"";
+  ASSERT_NE(text.find(stage), text.npos);
+  text.replace(text.find(stage), stage.size(), stage + ", \"direction\": -1");
+  const std::string sweep = "../calibration_sweep.json";
+  if (const auto at = text.find(sweep); at != text.npos)
+    text.replace(at, sweep.size(), (rigs / sweep).lexically_normal().string());
+  fs::create_directory(folder / "rig");
+  spill(folder / "rig/ideal.json", text);
+  ASSERT_EQ(run("scenarios/rigs/ideal.json", "usual").code, 0);
+  const Outcome o = run((folder / "rig/ideal.json").string(), "reversed");
+  ASSERT_EQ(o.code, 0) << o.output;
+  expect_same_tables("usual", "reversed");
+}
+
 TEST_F(Rigs, WithAGigeCameraGiveTables) {
   const Outcome o = run("scenarios/rigs/gige.json", "gige");
   ASSERT_EQ(o.code, 0) << o.output;
