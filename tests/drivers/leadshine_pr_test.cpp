@@ -12,6 +12,7 @@
 #include "drivers/motion.h"
 #include "protocols/modbus_master.h"
 #include "src/core/errors.h"
+#include "tests/support/hex.h"
 #include "tests/support/message_of.h"
 #include "tests/support/simulated_leadshine.h"
 
@@ -23,19 +24,6 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::Not;
-
-std::string hex_of(std::string_view bytes) {
-  std::string hex;
-  for (const char c : bytes) hex += fmt::format("{:02x}", static_cast<unsigned char>(c));
-  return hex;
-}
-
-std::string bytes_of(std::string_view hex) {
-  std::string bytes;
-  for (std::size_t i = 0; i + 1 < hex.size(); i += 2)
-    bytes += static_cast<char>(std::stoi(std::string(hex.substr(i, 2)), nullptr, 16));
-  return bytes;
-}
 
 OutputConfig camera_output(int register_at, int slave, std::uint16_t on) {
   OutputConfig output;

@@ -14,6 +14,7 @@
 #include "drivers/sim/catalog.h"
 #include "tests/support/axis_configs.h"
 #include "tests/support/draws.h"
+#include "tests/support/hex.h"
 
 namespace turntable::sim {
 namespace {
@@ -231,30 +232,6 @@ TEST_P(Mc600Client, IsUnderstoodByTheSimulator) {
 
 class LeadshineClient : public ::testing::TestWithParam<Transcript> {};
 
-std::string bytes_of(std::string_view hex) {
-  std::string bytes, digits;
-  for (const char c : hex)
-    if (c != ' ') digits += c;
-  for (std::size_t i = 0; i + 1 < digits.size(); i += 2)
-    bytes += static_cast<char>(std::stoi(digits.substr(i, 2), nullptr, 16));
-  return bytes;
-}
-
-std::string hex_of(std::string_view bytes) {
-  std::string hex;
-  for (const char c : bytes) hex += fmt::format("{:02x}", static_cast<unsigned char>(c));
-  return hex;
-}
-
-std::string checksum(std::string_view bytes) {
-  unsigned crc = 0xFFFF;
-  for (const char c : bytes) {
-    crc ^= static_cast<unsigned char>(c);
-    for (int bit = 0; bit < 8; ++bit) crc = (crc & 1u) != 0 ? (crc >> 1u) ^ 0xA001u : crc >> 1u;
-  }
-  return {static_cast<char>(crc & 0xFFu), static_cast<char>(crc >> 8u)};
-}
-
 /// Writes of one register, confirmed by themselves.
 Exchange write(int address, int value, int wait_ms = 30) {
   const std::string frame = fmt::format("01 06 {:04x} {:04x}", address, value);
@@ -376,10 +353,10 @@ TEST_P(LeadshineClient, IsUnderstoodByTheSimulator) {
   Client client("leadshine-pr", {rotary_axis(AxisId::kYaw, "1"), rotary_axis(AxisId::kRoll, "2")});
   for (const Exchange& e : GetParam().exchanges) {
     const std::string frame = bytes_of(e.send);
-    const std::string heard = client.exchange(frame + checksum(frame), e.wait_ms);
+    const std::string heard = client.exchange(frame + modbus_checksum(frame), e.wait_ms);
     ASSERT_GE(heard.size(), 4u) << GetParam().source << ": " << e.send;
     const std::string body = heard.substr(0, heard.size() - 2);
-    EXPECT_EQ(heard.substr(heard.size() - 2), checksum(body));
+    EXPECT_EQ(heard.substr(heard.size() - 2), modbus_checksum(body));
     EXPECT_TRUE(std::regex_match(hex_of(body), std::regex(e.want)))
         << GetParam().source << ": " << e.send << " heard " << hex_of(body) << ", wants " << e.want;
   }

@@ -12,6 +12,7 @@
 #include "src/core/errors.h"
 #include "tests/support/axis_configs.h"
 #include "tests/support/draws.h"
+#include "tests/support/hex.h"
 
 namespace turntable::sim {
 namespace {
@@ -19,31 +20,6 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::seconds;
 using ::testing::ElementsAre;
-
-std::string hex_of(std::string_view bytes) {
-  std::string hex;
-  for (const char c : bytes) hex += fmt::format("{:02x}", static_cast<unsigned char>(c));
-  return hex;
-}
-
-std::string bytes_of(std::string_view hex) {
-  std::string bytes, digits;
-  for (const char c : hex)
-    if (c != ' ') digits += c;
-  for (std::size_t i = 0; i + 1 < digits.size(); i += 2)
-    bytes += static_cast<char>(std::stoi(digits.substr(i, 2), nullptr, 16));
-  return bytes;
-}
-
-/// Bit by bit, unlike the simulator's.
-std::string checksum(std::string_view bytes) {
-  unsigned crc = 0xFFFF;
-  for (const char c : bytes) {
-    crc ^= static_cast<unsigned char>(c);
-    for (int bit = 0; bit < 8; ++bit) crc = (crc & 1u) != 0 ? (crc >> 1u) ^ 0xA001u : crc >> 1u;
-  }
-  return {static_cast<char>(crc & 0xFFu), static_cast<char>(crc >> 8u)};
-}
 
 /// Stage, yaw, roll and pitch at the addresses 1 to 4. Yaw: 0.00125 deg per pulse.
 std::vector<AxisConfig> bus_axes() {
@@ -91,10 +67,10 @@ class Leadshine : public ::testing::Test {
   /// The same without the checksum, which is added and checked.
   std::string ask(std::string_view hex) {
     const std::string frame = bytes_of(hex);
-    const std::string reply = raw(hex_of(frame + checksum(frame)));
+    const std::string reply = raw(hex_of(frame + modbus_checksum(frame)));
     if (reply.empty()) return {};
     const std::string bytes = bytes_of(reply), body = bytes.substr(0, bytes.size() - 2);
-    EXPECT_EQ(bytes.substr(bytes.size() - 2), checksum(body)) << reply;
+    EXPECT_EQ(bytes.substr(bytes.size() - 2), modbus_checksum(body)) << reply;
     return hex_of(body);
   }
   std::string read(int slave, int address, int words = 1) {

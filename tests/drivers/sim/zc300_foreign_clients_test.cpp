@@ -58,7 +58,7 @@ struct Said {
   const char* what;
   const char* frame;
 };
-struct Exchange {
+struct LibraryCall {
   const char* frame;
   const char* answer;  ///< where it is known to the byte
 };
@@ -68,7 +68,7 @@ const std::string kDoesItMove = "0104753b00015a0b";
 /// The requests of the vendor's library in the order in which it made them: search, set-up, relative and
 /// absolute moves, endless ones that it stops, a move of an axis that moves, homing, zero, outputs, beeper.
 /// It asks whether an axis moves until it does not: told once here.
-const Exchange kLibrary[] = {
+const LibraryCall kLibrary[] = {
     {"010475300007abcb", "01040e5a433330302d33410000000000006491"},
     {"010475300007abcb", "01040e5a433330302d33410000000000006491"},
     {"010475300007abcb", "01040e5a433330302d33410000000000006491"},
