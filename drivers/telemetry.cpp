@@ -151,9 +151,11 @@ bool is_no_quantity(std::string_view word) {
   for (std::size_t i = 1; i + 1 < word.size(); ++i) {
     const bool between = is_digit(word[i - 1]) && is_digit(word[i + 1]);
     if (between && (word[i] == ':' || word[i] == '/' || word[i] == '-')) return true;
+    if (word[i] == ',') points = 0;  // another field
     points += between && word[i] == '.';
+    if (points > 1) return true;
   }
-  return points > 1;
+  return false;
 }
 
 /// A word with a decimal point, whichever way it was written. @param shown for messages.

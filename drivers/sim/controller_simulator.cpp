@@ -235,7 +235,10 @@ void ControllerSimulator::serve(Request request, Time now,
         if (named != nullptr) lost_completions_.insert(*request.axis);
         break;
       case FaultKind::kReset:
-        later(due, [this](Time t) { reset(t); });
+        later(due, [this](Time t) {
+          if (note_requests_) requests_.push_back({.verb = "", .kind = "reset", .at = t});
+          reset(t);
+        });
         break;
       case FaultKind::kStuckAxis:
         to_axis([](AxisModel& axis, Time t) { axis.jam(t, AxisModel::Jam::kPulses); });

@@ -37,8 +37,8 @@ class ControllerSimulator : public Actor {
  public:
   /// A request as a person would tell of it.
   struct Request {
-    std::string verb;              ///< the device's word
-    std::string kind;              ///< "move", "home", "stop", "status", "set", "get"
+    std::string verb;  ///< the device's word
+    std::string kind;  ///< "move", "home", "stop", "status", "set", "get"; "reset": a power cycle
     std::optional<AxisId> axis{};  ///< that it names
     Time at{0};                    ///< when it came
     double counter = 0;            ///< of the axis that it names, then
@@ -146,9 +146,7 @@ class ControllerSimulator : public Actor {
 
   AxisModel* model(std::optional<AxisId> id);
   void reset(Time now);
-  Time reply_delay() {
-    return reply_delay_s_ ? from_seconds(*reply_delay_s_) : own_reply_delay();
-  }
+  Time reply_delay() { return reply_delay_s_ ? from_seconds(*reply_delay_s_) : own_reply_delay(); }
   void answer(std::string bytes, Time now);
   void answer_at(Time due, std::string bytes);
   void write(std::string_view bytes);

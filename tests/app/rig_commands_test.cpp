@@ -252,7 +252,7 @@ TEST_F(ServedRig, GoesOnWithARunOnAnAdapterThatCameBackUnderAnotherName) {
   const fs::path run = folder / "run";
   BackgroundProgram taken(
       "run " + (kScenarios / "quick/uniaxial_z.json").string() + " --rig " + file.string() +
-          " --speed 4 --solver posit --assume-mounted --calibration " +
+          " --speed 4 --solver aopit --assume-mounted --calibration " +
           (kScenarios / "calibrations/paper_table1.json").string() + " --out " + run.string(),
       folder / "run.log");
   for (int i = 0; i < 3000 && slurp(run / "journal.jsonl").find("pose_id") == std::string::npos;
