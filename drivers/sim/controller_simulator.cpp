@@ -172,7 +172,8 @@ void ControllerSimulator::flood(Time now) {
   std::string noise;
   for (std::size_t i = 0; i < kBytes; ++i) noise += static_cast<char>(noise_());
   write(noise);
-  if (line_) later(now + std::chrono::milliseconds{1}, [this](Time t) { flood(t); });
+  flooded_ = line_.has_value();
+  if (flooded_) later(now + std::chrono::milliseconds{1}, [this](Time t) { flood(t); });
 }
 
 void ControllerSimulator::answer(std::string bytes, Time now) {
@@ -265,7 +266,9 @@ void ControllerSimulator::serve(Request request, Time now,
         later(due, [this](Time) { unplug(); });
         break;
       case FaultKind::kFlood:
-        later(due, [this](Time t) { flood(t); });
+        later(due, [this](Time t) {
+          if (!flooded_) flood(t);  // a line can be no fuller
+        });
         break;
       default:
         reply_fault = fault;

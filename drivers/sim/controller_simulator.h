@@ -164,6 +164,7 @@ class ControllerSimulator : public Actor {
   std::optional<AxisId> deferred_to_;        ///< by the request that is being carried out
   std::map<AxisId, Fault> deferred_faults_;  ///< of answers that are still to come
   bool emergency_stop_ = false;
+  bool flooded_ = false;
   std::function<void(const std::string&, bool, Time)> output_listener_;
   bool note_requests_ = false;
   std::vector<Request> requests_;
