@@ -136,8 +136,11 @@ Axis<Degrees>* AxisController::rotary_axis(AxisId id) { return find<Degrees>(id)
 
 std::string AxisController::identity() const {
   const auto guard = lock();
-  std::vector<std::string_view> names;
-  for (const Channel& channel : channels_) names.push_back(channel.config.channel);
+  std::vector<std::string> names;
+  for (const Channel& channel : channels_) {
+    const std::string& name = channel.config.channel;
+    names.push_back(name.find(' ') == name.npos ? name : fmt::format("\"{}\"", name));
+  }
   return fmt::format("{} \"{}\" on {}, channels {}{}{}", config_.model, config_.name, line_name(),
                      fmt::join(names, " "), details_.empty() ? "" : ": ", details_);
 }
@@ -161,6 +164,8 @@ std::vector<std::string> AxisController::connect() {
   details_ = observe(differences);
   differences_ = std::move(differences);
   connected_ = true;
+  if (differences_.empty() && positions_are_absolute())
+    for (const auto& port : ports_) port->trust_reference();
   return differences_;
 }
 

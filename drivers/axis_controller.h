@@ -69,6 +69,9 @@ class AxisController : public Controller {
   virtual AxisStatus<Steps> status(const Channel& channel, Time deadline) = 0;
   /// False if the controller knows that the axis has not been homed since it was switched on.
   virtual bool may_be_homed(const Channel&) { return true; }
+  /// True where positions mean something without homing, as those of absolute encoders do: an axis of a
+  /// controller that is connected, and set up as the rig file says, counts as homed.
+  virtual bool positions_are_absolute() const { return false; }
   /// May be sent again. Called locked, with everybody else giving way.
   virtual void send_stop(const Channel& channel, bool immediate) = 0;
   /// Called locked.

@@ -9,6 +9,8 @@
 #include "drivers/camera_folder.h"
 #include "drivers/camera_gige.h"
 #include "drivers/camera_usb.h"
+#include "drivers/controller_description.h"
+#include "drivers/described_text.h"
 #include "drivers/leadshine_pr.h"
 #include "drivers/zolix_mc600.h"
 #include "drivers/zolix_sc300.h"
@@ -23,6 +25,7 @@ namespace {
 
 // An MC600 takes the five decimals that its driver sends, and shows three in what is known of it; a
 // ZC300 cuts distances off to thousandths.
+// What a described controller needs, and the steps it can be told, its description says.
 constexpr ControllerModel kControllers[] = {
     // model        baud   reply modbus sent  told  key of its own  opens             identifies
     {"zolix-mc600", 19200, 1.0, false, 1e-5, 1e-3, "", open_zolix_mc600, identify_zolix_mc600,
@@ -33,6 +36,8 @@ constexpr ControllerModel kControllers[] = {
      identify_zolix_sc300, kUnconfirmedSc300},
     {"leadshine-pr", 38400, 0.3, true, 0.0, 0.0, "", open_leadshine_pr, identify_leadshine_pr,
      kUnconfirmedLeadshine},
+    {"described", 9600, 1.0, false, 0.0, 0.0, "description", open_described_text,
+     identify_described_text, kUnconfirmedDescribed},
 };
 
 std::vector<std::string> list_gige_cameras() {
@@ -79,11 +84,17 @@ const ControllerModel& model_of(const ControllerConfig& controller) {
 
 namespace {
 
+bool is_described(const ControllerConfig& controller) {
+  return model_of(controller).own_key == "description";
+}
+
 /// Of the serial line, where that is known. Behind a serial server it is not: the slowest usual one.
 int baud_of(const ControllerConfig& controller) {
   constexpr int kBehindServer = 9600;
   if (controller.line.kind == LineConfig::Kind::kTcp) return kBehindServer;
-  return controller.line.baud != 0 ? controller.line.baud : model_of(controller).default_baud;
+  if (controller.line.baud != 0) return controller.line.baud;
+  return is_described(controller) ? load_description(controller).baud
+                                  : model_of(controller).default_baud;
 }
 
 /// The Modbus slaves that a controller of the rig file stands for: itself, or one for each axis.
@@ -135,8 +146,12 @@ void check_shared(const RigFile& rig, const ControllerConfig& a, const Controlle
 
 bool speaks_modbus(const ControllerConfig& controller) { return model_of(controller).modbus; }
 
-std::span<const std::string_view> unconfirmed_of(const ControllerConfig& controller) {
-  return model_of(controller).unconfirmed;
+std::vector<std::string> unconfirmed_of(const ControllerConfig& controller) {
+  const std::span<const std::string_view> assumed = model_of(controller).unconfirmed;
+  std::vector<std::string> sentences;
+  if (is_described(controller)) sentences = load_description(controller).unconfirmed();
+  sentences.insert(sentences.end(), assumed.begin(), assumed.end());
+  return sentences;
 }
 
 void check_controllers(const RigFile& rig) {
@@ -150,9 +165,14 @@ void check_controllers(const RigFile& rig) {
 
 namespace {
 
-void know_axis(AxisConfig& axis, const ControllerModel& model) {
-  axis.sent_step = model.sent_step;
-  axis.told_step = model.told_step;
+void know_axis(AxisConfig& axis, const ControllerConfig& controller) {
+  axis.sent_step = model_of(controller).sent_step;
+  axis.told_step = model_of(controller).told_step;
+  if (is_described(controller)) {
+    const ControllerDescription description = load_description(controller);
+    check_axis(description, controller_side(axis));
+    axis.sent_step = axis.told_step = description.position.step(axis);
+  }
   if (!axis.tolerance_stated)
     axis.tolerance = std::max(axis.tolerance, 0.5 * axis.per_step() + axis.told_step);
 }
@@ -164,7 +184,7 @@ void know_controllers(RigFile& rig) {
   for (auto& [id, axis] : rig.axes) {
     const auto controller =
         std::ranges::find(rig.controllers, axis.controller, &ControllerConfig::name);
-    know_axis(axis, model_of(*controller));
+    know_axis(axis, *controller);
     if (axis.tolerance < axis.finest_window() - 1e-12)
       throw ConfigError(
           "rig", fmt::format("/axes/{}/tolerance_{}", axis_name(id), axis.unit()),
@@ -186,6 +206,7 @@ void check_controller(const ControllerConfig& controller) {
   };
   only_if_own("address", controller.address != 1);
   only_if_own("answers_while_moving", !controller.answers_while_moving);
+  only_if_own("description", !controller.description.empty());
   if (controller.line.kind == LineConfig::Kind::kModbusTcp && !speaks_modbus(controller))
     throw ConfigError("rig", fmt::format("/controllers/{}/line/modbus_tcp", controller.name),
                       fmt::format("{} does not speak Modbus. A serial server is a \"tcp\" line.",
@@ -196,8 +217,10 @@ std::unique_ptr<Controller> open_controller(ControllerSetup setup) {
   check_controller(setup.controller);
   const ControllerModel& model = model_of(setup.controller);
   if (setup.controller.reply_timeout_s == 0)
-    setup.controller.reply_timeout_s = model.reply_timeout_s;
-  for (AxisConfig& axis : setup.axes) know_axis(axis, model);
+    setup.controller.reply_timeout_s = is_described(setup.controller)
+                                           ? load_description(setup.controller).reply_timeout_s
+                                           : model.reply_timeout_s;
+  for (AxisConfig& axis : setup.axes) know_axis(axis, setup.controller);
   if (model.modbus && setup.controller.line.kind != LineConfig::Kind::kModbusTcp)
     setup.line.want_silence(rtu_silence(baud_of(setup.controller)));
   return model.open(std::move(setup));

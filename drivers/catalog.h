@@ -34,8 +34,9 @@ struct ControllerModel {
 
 std::span<const ControllerModel> controller_models();
 
-/// @throws ConfigError for an unknown model.
-std::span<const std::string_view> unconfirmed_of(const ControllerConfig& controller);
+/// The model's, and what its description says of itself. @throws ConfigError for an unknown model, or
+/// description.
+std::vector<std::string> unconfirmed_of(const ControllerConfig& controller);
 
 /// @throws ConfigError for an unknown model.
 bool speaks_modbus(const ControllerConfig& controller);

@@ -54,6 +54,12 @@ AsciiDialog::AsciiDialog(SharedLine line, Clock& clock, Predicate unsolicited)
       clock_(&clock),
       unsolicited_(std::move(unsolicited)) {}
 
+void AsciiDialog::set_ends(std::string command_end, std::string answer_end) {
+  command_end_ = std::move(command_end);
+  answer_end_ = std::move(answer_end);
+  prompts_ = answer_end_.find_first_not_of("\r\n") != std::string::npos;
+}
+
 void AsciiDialog::notice_reopening() {
   if (std::exchange(opened_, line_.times_opened()) == line_.times_opened()) return;
   pending_.clear();
@@ -73,7 +79,8 @@ std::size_t AsciiDialog::read_pending() {
 std::optional<std::string> AsciiDialog::next_line() {
   for (;;) {
     if (pending_.starts_with('\n')) pending_.erase(0, 1);  // of the line before
-    const std::size_t end = pending_.find('\r');
+    if (prompts_) pending_.erase(0, std::min(pending_.find_first_not_of("\r\n"), pending_.size()));
+    const std::size_t end = pending_.find(answer_end_);
     if (end == std::string::npos) {
       if (pending_.size() > kLongestLine) {
         overlong_ = true;
@@ -82,11 +89,15 @@ std::optional<std::string> AsciiDialog::next_line() {
       return std::nullopt;
     }
     std::string text = pending_.substr(0, end);
-    pending_.erase(0, end + 1);
-    std::erase(text, '\n');  // some serial servers add one
+    pending_.erase(0, end + answer_end_.size());
+    if (answer_end_ == "\r")
+      std::erase(text, '\n');  // some serial servers add one
+    else
+      std::ranges::replace_if(
+          text, [](char c) { return c == '\r' || c == '\n'; }, ' ');
     while (!text.empty() && blank(text.back())) text.pop_back();
     text.erase(0, text.find_first_not_of(" \t"));
-    if (overlong_ || text.size() > kLongestLine || text.empty()) {
+    if (overlong_ || text.size() > kLongestLine || (text.empty() && !prompts_)) {
       overlong_ = false;
       continue;
     }
@@ -123,14 +134,14 @@ void AsciiDialog::hear_out(const std::function<bool()>& give_way) {
 }
 
 /// Ends what was half said; a command that was cut off must not be carried out as it stands.
-std::string AsciiDialog::line_end() const { return cut_off_ ? "!\r" : "\r"; }
+std::string AsciiDialog::line_end() const { return (cut_off_ ? "!" : "") + command_end_; }
 
 void AsciiDialog::send(std::string_view bytes, Time deadline) {
   cut_off_ = true;
   for (std::string_view rest = bytes; drops_echo_ && !rest.empty();) {
-    const std::size_t end = std::min(rest.find('\r'), rest.size() - 1);
+    const std::size_t end = std::min(rest.find(command_end_), rest.size());
     if (end > 0) sent_.emplace_back(rest.substr(0, end));
-    rest.remove_prefix(end + 1);
+    rest.remove_prefix(std::min(end + command_end_.size(), rest.size()));
     if (sent_.size() > kEchoes) sent_.pop_front();
   }
   line().write(bytes, *clock_, deadline);
@@ -140,7 +151,7 @@ void AsciiDialog::send(std::string_view bytes, Time deadline) {
 void AsciiDialog::tell(std::string_view command, Time timeout) {
   pump();
   std::string bytes = in_step_ ? "" : line_end();
-  bytes.append(command).push_back('\r');
+  bytes.append(command).append(command_end_);
   const bool was_in_step = std::exchange(in_step_, false);
   send(bytes, clock_->now() + timeout);
   in_step_ = was_in_step;
@@ -151,7 +162,7 @@ void AsciiDialog::resync(Time quiet, Time at_most, const Predicate& answer,
   notice_reopening();
   in_step_ = false;
   const Time end = clock_->now() + at_most;
-  send(answer && cut_off_ ? line_end() + "\r" : line_end(), end);
+  send(answer && cut_off_ ? line_end() + command_end_ : line_end(), end);
   bool answered = !answer;
   for (Time quiet_since = clock_->now(); clock_->now() < end;) {
     const Time silent = answered ? std::min(end, quiet_since + quiet) : end;
@@ -176,7 +187,7 @@ std::string AsciiDialog::ask(std::string_view command, Time timeout, const Predi
   pump();
   if (!in_step_) pending_.clear();
   std::string bytes = in_step_ ? "" : line_end();
-  bytes.append(command).push_back('\r');
+  bytes.append(command).append(command_end_);
   in_step_ = false;
   const Time deadline = clock_->now() + timeout, patience = clock_->now() + kSlice;
   send(bytes, deadline);

@@ -1,5 +1,6 @@
-// Command and answer in lines of text that end in CR, over a line that may be noisy: one command at
-// a time, unsolicited lines told apart from answers, a way back into step after anything odd.
+// Command and answer in lines of text that end in CR, or in what a controller has instead, over a line
+// that may be noisy: one command at a time, unsolicited lines told apart from answers, a way back into
+// step after anything odd.
 #pragma once
 
 #include <deque>
@@ -30,11 +31,16 @@ class AsciiDialog {
   /// and has been dealt with. Called from within the functions below.
   AsciiDialog(SharedLine line, Clock& clock, Predicate unsolicited);
 
+  /// From now on commands end in `command_end` and answers in `answer_end`, in which CR and LF are
+  /// blanks unless they are the end. Neither may be empty. Where answers end in a prompt, a prompt alone is
+  /// an answer too.
+  void set_ends(std::string command_end, std::string answer_end);
+
   /// From now on a line that repeats what was sent is the echo of an adapter or of the device, and
   /// no answer. Only where no answer ever looks like its command.
   void drop_echo() { drops_echo_ = true; }
 
-  /// Sends `command` and CR once; returns the first line that `accept` takes for its answer. Stale
+  /// Sends `command` and its end once; returns the first line that `accept` takes for its answer. Stale
   /// input is dealt with before sending, lines that nobody takes are skipped.
   /// @param give_way asked every 20 ms while waiting: true ends the wait (somebody more urgent
   /// needs the line). The wait ends at its deadline whatever arrives.
@@ -42,7 +48,7 @@ class AsciiDialog {
   /// took, LineError.
   std::string ask(std::string_view command, Time timeout, const Predicate& accept,
                   const std::function<bool()>& give_way = {});
-  /// Sends `command` and CR once, where no answer is due. @throws TimeoutError, LineError.
+  /// Sends `command` and its end once, where no answer is due. @throws TimeoutError, LineError.
   void tell(std::string_view command, Time timeout);
   /// Deals with what has arrived by itself, 64 KiB at most, without waiting. @throws LineError.
   void pump();
@@ -78,6 +84,8 @@ class AsciiDialog {
   unsigned opened_;  ///< the line's count of openings, as last seen
   Clock* clock_;
   Predicate unsolicited_;
+  std::string command_end_ = "\r", answer_end_ = "\r";
+  bool prompts_ = false;       ///< answers end in a prompt: an empty one says something
   std::string pending_;        ///< bytes not yet made into lines
   std::size_t heard_out_ = 0;  ///< of them, whose end was waited for in vain
   bool overlong_ = false;      ///< inside a line that is too long: dropping until CR

@@ -156,16 +156,20 @@ int devices_command(const DevicesArguments& a) {
 
 /// What a person has to look at before the rig is believed.
 void print_unconfirmed(const RigFile& file) {
-  std::vector<std::string_view> told;
+  std::vector<std::string> told;
   for (const ControllerConfig& controller : file.controllers) {
     const auto unconfirmed = unconfirmed_of(controller);
-    if (unconfirmed.empty() || std::ranges::find(told, controller.model) != told.end()) continue;
-    told.push_back(controller.model);
+    const std::string what =
+        controller.description.empty()
+            ? controller.model
+            : fmt::format("{} {}", controller.model, controller.description);
+    if (unconfirmed.empty() || std::ranges::find(told, what) != told.end()) continue;
+    told.push_back(what);
     fmt::print(
         "What this program assumes of a {} and no manual, other program or recording confirms; "
         "check it in the first steps on a new rig (scenarios/rigs/README.md):\n",
-        controller.model);
-    for (const std::string_view sentence : unconfirmed) fmt::print("  - {}\n", sentence);
+        what);
+    for (const std::string& sentence : unconfirmed) fmt::print("  - {}\n", sentence);
   }
 }
 

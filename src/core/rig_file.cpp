@@ -128,6 +128,9 @@ class Reader {
       controller.reply_timeout_s = c.value("reply_timeout_ms", 0.0) / 1000.0;
       controller.address = c.value("address", 1);
       controller.answers_while_moving = c.value("answers_while_moving", true);
+      controller.description = c.value("description", "");
+      if (controller.description.ends_with(".json"))
+        controller.description = (folder_ / controller.description).string();
       controller.line = line(c.at("line"));
       if (c.contains("outputs"))
         for (const auto& [name, output] : c.at("outputs").items())

@@ -76,6 +76,8 @@ struct ControllerConfig {
   double reply_timeout_s = 0.0;      ///< 0 = what the model usually needs
   int address = 1;                   ///< Modbus slave of a controller that is one slave
   bool answers_while_moving = true;  ///< false: nothing but a stop is heard until a move has ended
+  /// Of model "described": one that is shipped, or the path of a file that ends in .json.
+  std::string description;
   std::vector<OutputConfig> outputs;
 };
 

@@ -82,6 +82,7 @@ void PtyExchange(benchmark::State& state, const ControllerVariant& variant) {
   config.name = "mc1";
   config.model = variant.model;
   config.answers_while_moving = variant.answers_while_moving;
+  config.description = variant.description();
   const std::vector<AxisConfig> axes = axes_of(variant.model);
   const auto simulator = sim::simulate_controller(variant.model, {axes, {}, 1, config});
   const std::string path = sim::plug_into_pty(*simulator);

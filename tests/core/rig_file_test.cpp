@@ -290,6 +290,17 @@ TEST(RigFile, ThatIsNotThereIsNamed) {
   EXPECT_THROW(parse_rig_file("", "empty.json", kRigs), ConfigError);
 }
 
+TEST(RigFile, FindsAControllersDescriptionByNameOrBesideItself) {
+  std::string text = text_of("lab_example.json");
+  EXPECT_EQ(parse_rig_file(text, "rig.json", kRigs).controllers.front().description, "");
+  const std::string line = "\"line\"";
+  text.insert(text.find(line, text.find("\"controllers\"")), "\"description\": \"zaber_ascii\", ");
+  EXPECT_EQ(parse_rig_file(text, "rig.json", kRigs).controllers.front().description, "zaber_ascii");
+  text.replace(text.find("zaber_ascii"), 11, "own/mine.json");
+  EXPECT_EQ(parse_rig_file(text, "rig.json", kRigs).controllers.front().description,
+            (kRigs / "own/mine.json").string());
+}
+
 TEST(RigFile, MayNameOneBitOfARegisterAsAnOutput) {
   const auto outputs = [](const std::string& output) {
     std::string text = text_of("lab_modbus_gige.json");

@@ -66,7 +66,7 @@ TEST_P(EveryController, SaysWhoItIsAndConnectingOnlyObserves) {
 
 TEST_P(EveryController, NamesWhatIsSetUpDifferentlyMovesNothingAndCanBeConfigured) {
   std::vector<AxisConfig> real = axes_of(model());
-  real[1].initial_speed = 2;
+  (model() == "described" ? real[1].speed : real[1].initial_speed) = 2;  // a Zaber starts from rest
   const auto r = rig(real);
   const std::vector<std::string> found = r->controller->connect();
   ASSERT_EQ(found.size(), 1u) << ::testing::PrintToString(found);

@@ -125,6 +125,7 @@ TEST_P(Reversed, MovesTheOtherWayOnTheWireAndTheSameWayOnTheRig) {
   config.name = "mc1";
   config.model = GetParam().model;
   config.answers_while_moving = GetParam().answers_while_moving;
+  config.description = GetParam().description();
   if (GetParam().gateway) config.line.kind = LineConfig::Kind::kModbusTcp;
   std::vector<AxisConfig> seen = axes;
   for (AxisConfig& axis : seen) axis = controller_side(axis);

@@ -19,6 +19,7 @@ struct BehindAServer {
     config.name = "mc1";
     config.model = variant.model;
     config.answers_while_moving = variant.answers_while_moving;
+    config.description = variant.description();
     if (variant.gateway) config.line.kind = LineConfig::Kind::kModbusTcp;
     device = make(axes);
     controller = open_controller({config, axes, line(), &clock});

@@ -37,6 +37,7 @@ class SleepingComputer : public ::testing::TestWithParam<ControllerVariant> {
     config.name = "mc1";
     config.model = GetParam().model;
     config.answers_while_moving = GetParam().answers_while_moving;
+    config.description = GetParam().description();
     if (GetParam().gateway) config.line.kind = LineConfig::Kind::kModbusTcp;
     simulator = sim::simulate_controller(config.model, {axes, {}, 1, config});
     simulator->note_requests();

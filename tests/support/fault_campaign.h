@@ -41,6 +41,7 @@ class SimulatedAxes {
       config.name = "mc" + std::to_string(simulators.size() + 1);
       config.model = variant.model;
       config.answers_while_moving = variant.answers_while_moving;
+      config.description = variant.description();
       if (variant.gateway) config.line.kind = LineConfig::Kind::kModbusTcp;
       simulators.push_back(sim::simulate_controller(variant.model, {axes, {}, seed, config}));
       simulators.back()->note_requests();

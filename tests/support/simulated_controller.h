@@ -40,6 +40,8 @@ struct ControllerVariant {
     for (char& c : text) c = c == '-' ? '_' : c;
     return text;
   }
+  /// Of a described controller: the one that has a simulator.
+  std::string description() const { return model == "described" ? "zaber_ascii" : ""; }
   friend void PrintTo(const ControllerVariant& variant, std::ostream* out) {
     *out << variant.name();
   }
@@ -62,7 +64,8 @@ inline std::vector<AxisConfig> axes_of(const std::string& model) {
       {"zolix-mc600", {"X", "Y", "Z", "T"}},
       {"zolix-zc300", {"X", "Y", "Z"}},
       {"zolix-sc300", {"X", "Y", "Z"}},
-      {"leadshine-pr", {"1", "2", "3", "4"}}};
+      {"leadshine-pr", {"1", "2", "3", "4"}},
+      {"described", {"1 1", "1 2", "2 1", "2 2"}}};
   const auto channels = kChannels.find(model);
   if (channels == kChannels.end())
     throw std::runtime_error("tests/support/simulated_controller.h knows no channels of " + model);
@@ -87,6 +90,7 @@ struct SimulatedController {
     config.name = "mc1";
     config.model = variant.model;
     config.answers_while_moving = variant.answers_while_moving;
+    config.description = variant.description();
     if (variant.gateway) config.line.kind = LineConfig::Kind::kModbusTcp;
     sim::SimulatorSetup setup{real.empty() ? axes : real, std::move(truth), seed, config};
     simulator = sim::simulate_controller(variant.model, setup);

@@ -50,7 +50,7 @@ class TextPeer : public Actor {
   void act(Time now) override {
     std::array<char, 256> buffer;
     input_.append(buffer.data(), line_.read_available(buffer, now));
-    for (std::size_t end; (end = input_.find('\r')) != std::string::npos;
+    for (std::size_t end; (end = input_.find(command_end_)) != std::string::npos;
          input_.erase(0, end + 1)) {
       const std::string command = input_.substr(0, end);
       heard.push_back(command);
@@ -121,6 +121,7 @@ class TextPeer : public Actor {
     axis.arrives = now;
   }
   std::map<char, Moving> axes_;
+  char command_end_ = '\r';
 
  private:
   struct Saying {
