@@ -34,7 +34,7 @@ class Rigs : public ::testing::Test {
 
 TEST_F(Rigs, OfEveryControllerGiveTheSameTables) {
   ASSERT_EQ(run("scenarios/rigs/simulated.json", "simulated").code, 0);
-  for (const std::string rig : {"two_zc300", "sc300_zc300", "leadshine"}) {
+  for (const std::string rig : {"two_zc300", "sc300_zc300", "leadshine", "described_zaber"}) {
     const Outcome o = run("scenarios/rigs/" + rig + ".json", rig);
     ASSERT_EQ(o.code, 0) << o.output;
     expect_same_tables("simulated", rig);
