@@ -162,16 +162,19 @@ class DescriptionReader {
       allowed.emplace_back("any");
       allowed.insert(allowed.end(), word_places_.begin(), word_places_.end());
     }
-    int any = 0;
+    int many = 0;
     for (const std::string& place : result.places()) {
       if (std::ranges::find(allowed, place) == allowed.end())
         fail(at,
              fmt::format("found \"{}\" with the place {{{}}}, allowed here: {{{}}}. Correct it, "
                          "or list its words under /words/{}.",
                          text, place, fmt::join(allowed, "}, {"), place));
-      if (place == "any" && ++any > 2)
-        fail(at,
-             fmt::format("found \"{}\" with {{any}} more than twice, allowed: two of them.", text));
+      const bool open_ended = place == "any" || place == "text" || place == "values";
+      if (open_ended && ++many > 2)
+        fail(at, fmt::format(
+                     "found \"{}\" with {{any}}, {{text}} or {{values}} three times, allowed: two "
+                     "of them.",
+                     text));
     }
     if (result.empty()) fail(at, "is empty. State the text, or leave the key out.");
     return result;

@@ -84,6 +84,9 @@ TextTemplate::TextTemplate(std::string_view text) : text_(text) {
       throw std::invalid_argument("a brace has no partner: places are written {axis}");
     const std::string name = plain.substr(open + 1, close - open - 1);
     if (name.empty()) throw std::invalid_argument("a place has no name: {}");
+    if (!pieces_.empty() && pieces_.back().place)
+      throw std::invalid_argument(
+          "two places stand side by side, so that nobody could tell where the second one begins");
     pieces_.push_back({true, name});
     at = close + 1;
   }
@@ -149,10 +152,12 @@ bool TextTemplate::fits(std::size_t index, std::string_view rest, const Places& 
       if (goes_on(n)) return true;
     return false;
   }
-  const std::size_t word = std::min(rest.find(' '), rest.size());
-  for (std::size_t n = word; n > 0; --n)
-    if (goes_on(n)) return true;
-  return false;
+  // A word ends at a blank, or where the letters after it begin: there is one way to read it.
+  std::size_t word = std::min(rest.find(' '), rest.size());
+  if (index + 1 < pieces_.size())
+    for (std::size_t n = 1; n < word; ++n)
+      if (upper(rest.substr(n, 1)) == upper(pieces_[index + 1].text.substr(0, 1))) word = n;
+  return word > 0 && goes_on(word);
 }
 
 }  // namespace turntable

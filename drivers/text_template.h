@@ -7,9 +7,10 @@
 //   {value}   a number: 12, -0.5, 1.2e-3
 //   {values}  numbers, one for each axis, with commas, semicolons or blanks between
 //   {id}      a number that the program counts up with each line it sends, and expects back
-//   {any}     whatever is there, perhaps nothing; two of them at most
+//   {any}     whatever is there, perhaps nothing
 //   {text}    whatever is there, but something
-//   {name}    any other name: one word of a list that the description gives for that name
+//   {name}    any other name: one word of a list that the description gives for that name; it ends at a
+//             blank, or where what is written after it begins
 #pragma once
 
 #include <map>
@@ -27,7 +28,7 @@ class TextTemplate {
 
   TextTemplate() = default;
   /// @throws std::invalid_argument that says what is wrong with the text: a brace without its partner, an
-  /// empty name.
+  /// empty name, two places side by side.
   explicit TextTemplate(std::string_view text);
 
   const std::string& text() const { return text_; }

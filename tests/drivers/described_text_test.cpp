@@ -66,14 +66,18 @@ TEST(TextTemplate, TakesAnythingWhereItSaysSo) {
 }
 
 TEST(TextTemplate, SaysWhatIsWrongWithItsBraces) {
-  for (const char* text : {"{axis", "axis}", "{ax{is}", "{}", "a } b"})
+  for (const char* text : {"{axis", "axis}", "{ax{is}", "{}", "a } b", "{a}{b}"})
     EXPECT_THROW(TextTemplate{text}, std::invalid_argument) << text;
 }
 
+TEST(TextTemplate, EndsAWordWhereTheLettersAfterItBegin) {
+  EXPECT_EQ(TextTemplate("S={state};{any}").find("s=Busy;x;y", {})->at("state"), "Busy");
+  EXPECT_FALSE(TextTemplate("S={state};").find("S=;", {}));
+}
+
 TEST(TextTemplate, EndsSoonOnALongLineOfNoise) {
-  const TextTemplate reply("{any}a{a}{b}{c} {d}a{any}");
-  const std::string noise(256, 'a');
-  EXPECT_FALSE(reply.find(noise, {}));
+  const TextTemplate reply("{any}a{a}a{b}a{c}a{d}a{e}a{f}a{text}x");
+  EXPECT_FALSE(reply.find(std::string(256, 'a'), {}));
 }
 
 // ---- descriptions
@@ -95,6 +99,35 @@ TEST(ControllerDescriptions, ThatAreShippedNameTheirSourcesAndSayThatNobodyTried
     for (const std::string& sentence : unconfirmed)
       EXPECT_TRUE(sentence.ends_with('.')) << sentence;
   }
+}
+
+TEST(ControllerDescriptions, OfTheReadmeIsOneThatIsTaken) {
+  const std::string readme =
+      read_text(std::filesystem::path(TURNTABLE_SOURCE_DIR) / "drivers" / "README.md");
+  const std::size_t begin = readme.find("```json") + 7;
+  const ControllerDescription description =
+      parse_description(readme.substr(begin, readme.find("```", begin) - begin), "README.md");
+  EXPECT_EQ(description.settings.front().wanted(rotary_axis(AxisId::kYaw, "A")), "25.00");
+  EXPECT_EQ(description.status.size(), 2u);
+}
+
+TEST(ControllerDescriptions, AreTakenOrRefusedWhateverStandsInThem) {
+  Random draws = draws_of_this_test();
+  const std::string whole = shipped_json("zaber_ascii").dump();
+  int refused = 0;
+  for (int i = 0; i < 300; ++i) {
+    std::string text = whole;
+    for (int k = 0; k < 3; ++k)
+      text[static_cast<std::size_t>(draws.uniform(0, static_cast<double>(text.size() - 1)))] =
+          static_cast<char>(draws.uniform(32, 127));
+    try {
+      parse_description(text, "mine.json");
+    } catch (const ConfigError& e) {
+      ++refused;
+      EXPECT_THAT(e.what(), HasSubstr("mine.json"));
+    }
+  }
+  EXPECT_GT(refused, 100);
 }
 
 struct DescriptionMisuse {
@@ -120,6 +153,7 @@ TEST(ControllerDescriptions, AreRefusedWithFileAndPlaceAndWhatIsAllowed) {
        "/commands/move/send", "place {values}, allowed here: {axis}, {id}, {value}"},
       {"a word without a list", "/commands/home/reply", R"("@{axis} OK {status}")",
        "/commands/home/reply", "list its words under /words/status"},
+      {"too much that is open", "/refused", R"("{any}a{any}b{any}")", "/refused", "two of them"},
       {"an open brace", "/commands/stop/send", R"("/{axis stop")", "/commands/stop/send",
        "partner"},
       {"a factor of 0", "/position/factor", "0", "/position/factor", "0"},
@@ -371,6 +405,27 @@ TEST_P(DescribedAerosmith, ThatRefusesIsQuoted) {
   yaw().home();
   EXPECT_THAT(message_of<DeviceError>([&] { move(5); }), HasSubstr("was refused with \"?\""));
   EXPECT_EQ(said_with("GOTO"), 1);
+}
+
+TEST_P(DescribedAerosmith, ThatDoesNotHearAMoveIsNeverToldAgain) {
+  open("ideal_aerosmith", {table("1")});
+  controller->configure();
+  yaw().home();
+  peer->mute_to = "MOV";  // carried out, and not answered
+  move(5);
+  EXPECT_EQ(said_with("MOV5.0000"), 1);
+  EXPECT_NEAR(peer->place('1', clock.now()), 5, 1e-4);
+  peer->mute_to.clear();
+  peer->deaf_to = "MOV";
+  EXPECT_THAT(message_of<Error>([&] { move(-7); }),
+              AllOf(HasSubstr("axis yaw"), HasSubstr("acknowledged")));
+  EXPECT_EQ(said_with("MOV-7"), 1);
+  EXPECT_FALSE(yaw().homed());
+  yaw().stop();
+  EXPECT_GE(peer->said("STO"), 1);
+  peer->deaf_to = "HOM";
+  EXPECT_THROW(yaw().home(), Error);  // it stands, and perhaps at 0
+  EXPECT_FALSE(yaw().homed());
 }
 
 class DescribedAcutrol : public DescribedPeerTest<AcutrolPeer> {};

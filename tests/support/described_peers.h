@@ -23,10 +23,16 @@ class AerosmithPeer final : public TextPeer {
     axes_['1'].to = 23.5;  // where somebody left it
   }
   double speed = 10, way_home = 3.25;
-  bool echo_in_answer = false;  ///< "PPO 12.5"
+  bool echo_in_answer = false;   ///< "PPO 12.5"
+  std::string deaf_to, mute_to;  ///< commands that begin so are not heard, or not answered
 
  protected:
   std::string take(const std::string& command, Time now) override {
+    if (!deaf_to.empty() && command.starts_with(deaf_to)) return {};
+    const std::string answer = carry_out(command, now);
+    return !mute_to.empty() && command.starts_with(mute_to) ? std::string() : answer;
+  }
+  std::string carry_out(const std::string& command, Time now) {
     if (command.empty()) return ">";
     const std::string verb = command.substr(0, 3),
                       rest = command.size() > 3 ? command.substr(3) : "";
