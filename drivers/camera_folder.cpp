@@ -85,7 +85,8 @@ FolderCamera::FolderCamera(CameraSetup setup)
       clock_(setup.clock),
       load_(std::move(setup.load)),
       pattern_(escaped(config_.files)) {
-  if (!fs::is_directory(config_.folder))
+  std::error_code unreadable;
+  if (!fs::is_directory(config_.folder, unreadable))
     throw ConfigError(config_.folder.string(), "",
                       "is not a folder. Name the folder that the camera's images go to.");
   if (!config_.replay) return;
@@ -185,7 +186,8 @@ void FolderCamera::check(std::span<const Exposure> exposures) const {
           folder, "",
           fmt::format("the layout \"{}\" gives {} to {} and to {}. Add what tells them apart.",
                       config_.layout, file.string(), describe(*user->second), describe(exposure)));
-    if (fs::is_regular_file(file)) continue;
+    std::error_code unreadable;
+    if (fs::is_regular_file(file, unreadable)) continue;
     if (missing++ == 0) first = fmt::format("{} of {}", file.string(), describe(exposure));
   }
   if (missing > 0)

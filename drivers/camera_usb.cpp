@@ -158,7 +158,8 @@ class UsbCamera final : public Camera {
                                       "it.",
                                       name_));
     const bool sequence = name_.find('%') != std::string::npos;
-    if (!sequence && !fs::is_regular_file(name_))
+    std::error_code unreadable;
+    if (!sequence && !fs::is_regular_file(name_, unreadable))
       throw ConfigError("rig", "/camera/device",
                         fmt::format("found \"{}\", which is not there. Allowed: a device such as "
                                     "/dev/video0 or its number, a video file, or an image sequence "
@@ -201,7 +202,8 @@ class UsbCamera final : public Camera {
     if (!is_device_)
       throw DeviceError(fmt::format(
           "camera: {} ends after {} frames, and another one was asked for.", name_, grabbed_));
-    if (!fs::exists(name_))
+    std::error_code unreadable;
+    if (!fs::exists(name_, unreadable))
       throw LineError(fmt::format("camera: {} is gone. Check its cable.", name_));
     throw TimeoutError(fmt::format("camera: {} gave no frame", name_));
   }

@@ -129,7 +129,9 @@ std::string text_of(const std::filesystem::path& file) {
   std::string text(kLongestAnswer, '\0');
   in.read(text.data(), static_cast<std::streamsize>(text.size()));
   if (in.gcount() == 0) {
-    const int error = std::filesystem::exists(file) ? errno : ENOENT;
+    const int said = errno;
+    std::error_code unreadable;
+    const int error = std::filesystem::exists(file, unreadable) ? said : ENOENT;
     throw DeviceError(
         fmt::format("{}: cannot be read ({}). Correct the file's name in the rig file",
                     file.string(), error != 0 ? std::strerror(error) : "it is empty"));

@@ -20,6 +20,7 @@
 #include "src/campaign/planning.h"
 #include "src/campaign/runner.h"
 #include "src/core/errors.h"
+#include "src/core/file_errors.h"
 #include "src/core/interrupt.h"
 #include "src/evaluation/evaluate.h"
 #include "src/record/atomic_file.h"
@@ -286,12 +287,12 @@ AcquireSummary take_poses(const Taking& taking, std::optional<RunFolder>& folder
   std::vector<std::string> changes;
   fs::path calibration;  // of the run
   if (before == nullptr) {
-    folder = RunFolder::create(taking.root, taking.plan);
-    if (taking.calibration)
-      write_atomically(folder->calibration(), calibration_to_json(*taking.calibration));
+    folder = RunFolder::create(taking.root, taking.plan,
+                               taking.calibration ? calibration_to_json(*taking.calibration) : "");
     calibration = folder->calibration();
   } else {
     folder = RunFolder::open(taking.root);
+    folder->remove_temporary_files();
     calibration = first_calibration(*folder, *before);
     changes = other_devices(rig, *before, taking.other_lines);
     if (!taking.accepts_changes) refuse_changes(taking.root, changes);
@@ -324,7 +325,7 @@ AcquireSummary take_poses(const Taking& taking, std::optional<RunFolder>& folder
   } catch (const NotStopped&) {
     kept("");
     throw;
-  } catch (const Error&) {
+  } catch (const std::exception&) {
     kept("The axes are stopped. ");
     throw;
   }
@@ -356,7 +357,13 @@ int take_and_finish(const Taking& taking, const EvaluateOptions& options,
   } catch (const Interrupted&) {
     throw;
   } catch (const RecordError&) {
+    fmt::print("All poses are taken and kept. \"turntable evaluate {}\" evaluates them.\n",
+               folder.root().string());
     throw;
+  } catch (const fs::filesystem_error& e) {
+    fmt::print("All poses are taken and kept. \"turntable evaluate {}\" evaluates them.\n",
+               folder.root().string());
+    throw RecordError(file_trouble(e));
   } catch (const std::exception& e) {
     // The rig has done its work and nothing is lost: this is not bad input any more.
     spdlog::error("{}", e.what());
@@ -504,6 +511,13 @@ int resume_command(const ResumeArguments& a) {
   if (a.solvers.empty() && options.solvers.empty())
     options =
         solvers_named(start.value("/provenance/solvers"_json_pointer, std::vector<std::string>{}));
+  if (start.empty())
+    spdlog::warn(
+        "{}: the run was ended before its journal began, and nothing is known of the options that "
+        "it "
+        "was given: images are archived as regions, and solvers are those of --solver or the usual "
+        "ones. To have others, remove the folder and run again.",
+        folder.root().string());
   // What the run was given when it began, also if it has a sweep of its own.
   const std::string calibration_sha256 = given_calibration_sha256(before);
   std::optional<Calibration> loaded;

@@ -11,12 +11,15 @@
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
+#include <filesystem>
 #include <iostream>
+#include <new>
 #include <string_view>
 
 #include "src/app/commands.h"
 #include "src/attitude/solver.h"
 #include "src/core/errors.h"
+#include "src/core/file_errors.h"
 #include "src/core/interrupt.h"
 #include "version.h"
 
@@ -46,41 +49,66 @@ CLI::Validator number_in(double least, double most) {
   return CLI::Validator(check, fmt::format("in [{:g} - {:g}]", least, most));
 }
 
+/// What is found is quoted in messages, and may be a file without any line end: of a long message its
+/// beginning and its end, where the advice stands.
+void complain(std::string_view message) {
+  constexpr std::size_t kBeginning = 1500, kEnd = 500;
+  if (message.size() <= kBeginning + kEnd) {
+    spdlog::error("{}", message);
+    return;
+  }
+  const auto inside_letter = [&](std::size_t at) {
+    return (static_cast<unsigned char>(message[at]) & 0xC0u) == 0x80u;  // of UTF-8
+  };
+  std::size_t left = kBeginning, right = message.size() - kEnd;
+  while (left > 0 && inside_letter(left)) --left;
+  while (right < message.size() && inside_letter(right)) ++right;
+  spdlog::error("{} [{} bytes left out] {}", message.substr(0, left), right - left,
+                message.substr(right));
+}
+
 int guarded(const std::function<int()>& verb) {
   try {
     return verb();
   } catch (const Interrupted& e) {
-    spdlog::error("{}", e.what());
+    complain(e.what());
     return kInterrupted;
   } catch (const ConfigError& e) {
-    spdlog::error("{}", e.what());
+    complain(e.what());
     return kBadInput;
   } catch (const LimitError& e) {
-    spdlog::error("{}", e.what());
+    complain(e.what());
     return kBadInput;
   } catch (const RecordError& e) {
-    spdlog::error("{}", e.what());
+    complain(e.what());
     return kDeviceTrouble;
   } catch (const LineError& e) {
-    spdlog::error("{}", e.what());
+    complain(e.what());
     return kDeviceTrouble;
   } catch (const TimeoutError& e) {
-    spdlog::error("{}", e.what());
+    complain(e.what());
     return kDeviceTrouble;
   } catch (const ProtocolError& e) {
-    spdlog::error("{}", e.what());
+    complain(e.what());
     return kDeviceTrouble;
   } catch (const DeviceError& e) {
-    spdlog::error("{}", e.what());
+    complain(e.what());
     return kDeviceTrouble;
   } catch (const Error& e) {
-    spdlog::error("{}", e.what());
+    complain(e.what());
     return kBadInput;
-  } catch (const std::exception& e) {
+  } catch (const std::filesystem::filesystem_error& e) {
+    complain(file_trouble(e));
+    return e.code() == std::errc::filename_too_long ? kBadInput : kDeviceTrouble;
+  } catch (const std::bad_alloc&) {
     spdlog::error(
+        "There is not enough memory for this. Close other programs, or give it smaller input.");
+    return kDeviceTrouble;
+  } catch (const std::exception& e) {
+    complain(fmt::format(
         "unexpected: {}. This is a defect of the program; the journal of the run, if any, is "
         "intact.",
-        e.what());
+        e.what()));
     return kDeviceTrouble;
   }
 }

@@ -243,6 +243,7 @@ void renew_pdf(const fs::path& markdown, PdfPrinter* printer) {
 int write_outputs(const RunFolder& folder, OutputOptions options, Rewrite rewrite) {
   const std::unique_ptr<PdfPrinter> printer =
       options.pdf ? std::make_unique<PdfPrinter>() : nullptr;
+  folder.remove_temporary_files();
   const Results made = make_results(folder, options);
   const Plan& plan = made.record.plan;
   EvaluationRecord how;

@@ -132,6 +132,7 @@ void remember_overheads(const std::string& key, const Overheads& overheads) {
     const std::filesystem::path file = overheads_file(key);
     if (file.empty() || overheads.poses == 0) return;
     std::filesystem::create_directories(file.parent_path());
+    remove_temporaries(file.parent_path());
     auto legs = nlohmann::json::object();
     for (const AxisId id : kAllAxes)
       if (const auto& leg = overheads.leg_s[place(id)]) legs[std::string(axis_name(id))] = *leg;

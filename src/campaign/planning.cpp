@@ -114,11 +114,14 @@ void add_attitude(Plan& plan, const Scenario& scenario, const RigFile& rig) {
   pose.stage_mm = scenario.stage_mm;
   pose.dwell_s = scenario.dwell_s;
   pose.images = scenario.images_per_pose;
+  std::vector<std::vector<std::size_t>> visits;
   for (pose.repeat = 1; pose.repeat <= scenario.repeats; ++pose.repeat) {
     PlannedPose reference = pose;
     reference.role = PoseRole::kReference;
     plan.poses.push_back(reference);
-    const auto visits = visits_of(scenario, pose.repeat, rig);
+    // A random order alone is another one in every repeat; the nearest takes the square of its poses to find.
+    if (visits.empty() || scenario.order == PoseOrder::kRandom)
+      visits = visits_of(scenario, pose.repeat, rig);
     for (std::size_t i = 0; i < visits.size(); ++i) {
       for (std::size_t k = 0; k < scenario.ranges.size(); ++k)
         angle_of(pose, scenario.ranges[k].axis) = scenario.ranges[k].values_deg[visits[i][k]];

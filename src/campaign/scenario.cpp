@@ -247,7 +247,9 @@ Campaign load_campaign(const std::filesystem::path& file) {
     const std::string at = fmt::format("/steps/{}", i);
     const auto named = steps[i].at("scenario").get<std::string>();
     const std::filesystem::path path = file.parent_path() / named;
-    if (!std::filesystem::is_regular_file(path))
+    std::error_code unreadable;  // why, is said by the reader
+    const auto status = std::filesystem::status(path, unreadable);
+    if (std::filesystem::status_known(status) && !std::filesystem::is_regular_file(status))
       throw ConfigError(
           campaign.file, at + "/scenario",
           fmt::format(

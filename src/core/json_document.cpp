@@ -1,9 +1,12 @@
 #include "src/core/json_document.h"
 
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <unistd.h>
 
-#include <fstream>
+#include <cstring>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <set>
 #include <sstream>
 #include <valijson/adapters/nlohmann_json_adapter.hpp>
@@ -14,11 +17,17 @@
 
 #include "schemas.h"
 #include "src/core/errors.h"
+#include "src/core/file_errors.h"
 
 namespace turntable {
 namespace {
 
 using valijson::adapters::NlohmannJsonAdapter;
+
+/// What reads a document calls itself for every level, and has a stack of some megabytes.
+constexpr int kDeepest = 100;
+/// Likewise for every letter of a string that is compared with a pattern.
+constexpr std::size_t kLongestOfPattern = 1000;
 
 std::string_view schema_text(std::string_view name) {
   for (const auto& [stem, text] : embedded::schemas())
@@ -147,6 +156,22 @@ std::string explain(const Json& value, const Json& schema) {
                      description.empty() ? "" : " (" + description + ")");
 }
 
+/// Where a string stands that is too long to be compared with its pattern; nothing if none does.
+std::optional<Json::json_pointer> too_long(const Json& value, const Json& schema,
+                                           const Json::json_pointer& at = Json::json_pointer()) {
+  if (value.is_string() && value.get_ref<const std::string&>().size() > kLongestOfPattern) {
+    const Json* governing = schema_at(schema, at);
+    if (governing != nullptr && governing->contains("pattern")) return at;
+  }
+  if (value.is_array())
+    for (std::size_t i = 0; i < value.size(); ++i)
+      if (auto found = too_long(value[i], schema, at / i)) return found;
+  if (value.is_object())
+    for (const auto& [key, member] : value.items())
+      if (auto found = too_long(member, schema, at / key)) return found;
+  return {};
+}
+
 [[noreturn]] void throw_schema_error(const Json& value, const Json& schema, const std::string& name,
                                      const std::string& place,
                                      valijson::ValidationResults& results) {
@@ -180,6 +205,13 @@ Json parse_or_throw(
     std::vector<std::set<std::string>> open_objects;
     std::string top_key;
     const auto refuse_twice = [&](int depth, Json::parse_event_t event, Json& parsed) {
+      if (depth > kDeepest)
+        throw ConfigError(
+            name, "",
+            fmt::format(
+                "holds arrays or objects within each other, more than {} deep, which no file of "
+                "this program does. Restore it from a copy.",
+                kDeepest));
       if (event == Json::parse_event_t::object_start) open_objects.emplace_back();
       if (event == Json::parse_event_t::object_end) open_objects.pop_back();
       if (event == Json::parse_event_t::key && depth == 1) top_key = parsed.get<std::string>();
@@ -212,6 +244,22 @@ Json parse_or_throw(
 
 }  // namespace
 
+namespace {
+
+/// Of a program without descriptors nothing follows about the file.
+[[noreturn]] void refuse_unread(const std::filesystem::path& file, int cause) {
+  if (cause == ENOENT || cause == ENOTDIR || cause == EACCES)
+    throw ConfigError(file.string(), "",
+                      "cannot be read: no such file, or no permission. Check the path.");
+  const std::string what =
+      fmt::format("cannot be read: {}. {}", std::strerror(cause), file_advice(cause));
+  if (cause == EMFILE || cause == ENFILE || cause == ENOMEM)
+    throw RecordError(fmt::format("{}: {}", file.string(), what));
+  throw ConfigError(file.string(), "", what);
+}
+
+}  // namespace
+
 std::string read_text(const std::filesystem::path& file) {
   std::error_code error;
   const auto status = std::filesystem::status(file, error);
@@ -220,16 +268,23 @@ std::string read_text(const std::filesystem::path& file) {
   // Opening a pipe would wait for its writer, reading a device may never end.
   if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status))
     throw ConfigError(file.string(), "", "is a device or a pipe, allowed: a file. Check the path.");
-  std::ifstream in(file, std::ios::binary);
-  if (!in)
-    throw ConfigError(file.string(), "",
-                      "cannot be read: no such file, or no permission. Check the path.");
+  const int fd = uninterrupted([&] { return ::open(file.c_str(), O_RDONLY | O_CLOEXEC); });
+  if (fd < 0) refuse_unread(file, errno);
   std::string text;
   if (const auto size = std::filesystem::file_size(file, error); !error) text.reserve(size);
   std::vector<char> piece(1u << 16);
-  while (in.read(piece.data(), static_cast<std::streamsize>(piece.size())), in.gcount() > 0)
-    text.append(piece.data(), static_cast<std::size_t>(in.gcount()));
-  return text;
+  for (;;) {
+    const ssize_t n = uninterrupted([&] { return ::read(fd, piece.data(), piece.size()); });
+    if (n > 0) {
+      text.append(piece.data(), static_cast<std::size_t>(n));
+      continue;
+    }
+    const int cause = n < 0 ? errno : 0;
+    ::close(fd);
+    // Half a file is no file: what is missing could be taken for what was never there.
+    if (n < 0) refuse_unread(file, cause);
+    return text;
+  }
 }
 
 namespace {
@@ -290,6 +345,11 @@ SchemaCheck::~SchemaCheck() = default;
 
 void SchemaCheck::operator()(const Json& value, const std::string& name,
                              const std::string& at) const {
+  if (const auto place = too_long(value, parsed_->json))
+    throw ConfigError(
+        name, at + place->to_string(),
+        fmt::format("found a text of {} letters, allowed: up to {}. Shorten it.",
+                    value.at(*place).get_ref<const std::string&>().size(), kLongestOfPattern));
   valijson::Validator validator;
   valijson::ValidationResults results;
   if (!validator.validate(parsed_->schema, NlohmannJsonAdapter(value), &results))

@@ -5,31 +5,35 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <csignal>
 #include <cstdlib>
 #include <cstring>
 #include <utility>
+#include <vector>
 
 #include "src/core/errors.h"
+#include "src/core/file_errors.h"
 
 namespace turntable {
 namespace {
 
 [[noreturn]] void fail(const std::filesystem::path& file, const char* what, int error) {
-  const char* advice = "";
-  if (error == ENOSPC || error == EDQUOT || error == EFBIG) advice = " Make room.";
-  if (error == EROFS || error == EACCES || error == EPERM)
-    advice = " Make the folder writable, or choose one that can be written.";
-  throw RecordError(
-      fmt::format("{}: {} failed: {}.{}", file.string(), what, std::strerror(error), advice));
+  throw RecordError(fmt::format("{}: {} failed: {}. {}", file.string(), what, std::strerror(error),
+                                file_advice(error)));
 }
 
-/// A call that a signal interrupted is made again.
-template <class Call>
-auto uninterrupted(Call&& call) {
-  for (;;) {
-    const auto result = call();
-    if (result != -1 || errno != EINTR) return result;
-  }
+int sync_descriptor(int fd) {
+  return uninterrupted([fd] { return ::fsync(fd); });
+}
+
+void remove_temporary(const std::string& file) {
+  uninterrupted([&] { return ::unlink(file.c_str()); });
+}
+
+/// On Linux the descriptor is gone even where close was interrupted.
+int close_descriptor(int fd) {
+  const int result = ::close(fd);
+  return result != 0 && errno == EINTR ? 0 : result;
 }
 
 }  // namespace
@@ -41,7 +45,7 @@ void sync_folder(const std::filesystem::path& folder) {
   const int fd =
       uninterrupted([&] { return ::open(where.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC); });
   if (fd < 0) fail(where, "opening the folder", errno);
-  const int result = uninterrupted([&] { return ::fsync(fd); });
+  const int result = sync_descriptor(fd);
   const int error = errno;
   ::close(fd);
   if (result != 0 && error != EINVAL && error != ENOTSUP && error != ENOSYS)
@@ -53,8 +57,9 @@ StagedFile::StagedFile(const std::filesystem::path& file, std::string_view bytes
 
 StagedFile::StagedFile(const std::filesystem::path& file, const ByteSource& source)
     : target_(file), temporary_(file.string() + fmt::format(".tmp{}", ::getpid())) {
-  int fd = uninterrupted(
-      [&] { return ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644); });
+  int fd = uninterrupted([this] {
+    return ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+  });
   if (fd < 0) fail(target_, "creating it", errno);
   const auto write = [&](std::string_view bytes) {
     while (!bytes.empty()) {
@@ -77,12 +82,11 @@ StagedFile::StagedFile(const std::filesystem::path& file, const ByteSource& sour
         small += bytes;
     });
     write(small);
-    if (uninterrupted([&] { return ::fsync(fd); }) != 0) fail(target_, "syncing", errno);
-    // Linux has closed it all the same when a signal interrupts that.
-    if (::close(std::exchange(fd, -1)) != 0 && errno != EINTR) fail(target_, "closing", errno);
+    if (sync_descriptor(fd) != 0) fail(target_, "syncing", errno);
+    if (close_descriptor(std::exchange(fd, -1)) != 0) fail(target_, "closing", errno);
   } catch (...) {
     if (fd >= 0) ::close(fd);
-    ::unlink(temporary_.c_str());
+    remove_temporary(temporary_);
     throw;
   }
 }
@@ -91,17 +95,38 @@ StagedFile::StagedFile(StagedFile&& other) noexcept
     : target_(std::move(other.target_)), temporary_(std::exchange(other.temporary_, {})) {}
 
 StagedFile::~StagedFile() {
-  if (!temporary_.empty()) ::unlink(temporary_.c_str());
+  if (!temporary_.empty()) remove_temporary(temporary_);
 }
 
 void StagedFile::commit() {
-  if (uninterrupted([&] { return ::rename(temporary_.c_str(), target_.c_str()); }) != 0)
-    fail(target_, "renaming", errno);
+  const int result =
+      uninterrupted([this] { return ::rename(temporary_.c_str(), target_.c_str()); });
+  if (result != 0) fail(target_, "renaming", errno);
   temporary_.clear();
 }
 
 bool is_temporary(const std::filesystem::path& file) {
   return file.extension().string().starts_with(".tmp");
+}
+
+namespace {
+
+/// By a process that is still there, to tell by the number in its name.
+bool is_being_written(const std::filesystem::path& temporary) {
+  const std::string ending = temporary.extension().string();
+  const int process = std::atoi(ending.c_str() + std::strlen(".tmp"));
+  return process > 0 && process != ::getpid() && (::kill(process, 0) == 0 || errno == EPERM);
+}
+
+}  // namespace
+
+void remove_temporaries(const std::filesystem::path& folder) {
+  std::error_code ignored;
+  std::vector<std::filesystem::path> found;
+  for (std::filesystem::directory_iterator it(folder, ignored), end; !ignored && it != end;
+       it.increment(ignored))
+    if (is_temporary(it->path()) && !is_being_written(it->path())) found.push_back(it->path());
+  for (const auto& file : found) std::filesystem::remove(file, ignored);
 }
 
 void write_atomically(const std::filesystem::path& file, std::string_view bytes) {

@@ -44,7 +44,11 @@ void write_atomically(const std::filesystem::path& file, const ByteSource& sourc
 /// True of the names that a process leaves behind if it is killed while it stages a file.
 bool is_temporary(const std::filesystem::path& file);
 
-/// Makes new names in `folder` survive a power cut. @throws RecordError.
+/// Removes them from `folder`, but those of other processes that still run; what cannot be removed stays.
+void remove_temporaries(const std::filesystem::path& folder);
+
+/// Makes new names in `folder` survive a power cut, where its file system can promise that: one that does not know of
+/// syncing folders (EINVAL) is taken as it is. @throws RecordError.
 void sync_folder(const std::filesystem::path& folder);
 
 /// Where temporary files go: TMPDIR, else /tmp. @throws RecordError if that is no folder.

@@ -11,6 +11,7 @@
 #include <thread>
 
 #include "src/core/errors.h"
+#include "src/core/file_errors.h"
 #include "src/record/atomic_file.h"
 
 namespace turntable {
@@ -19,10 +20,11 @@ namespace fs = std::filesystem;
 
 void make_folder(const fs::path& folder) {
   std::error_code error;
-  fs::create_directories(folder, error);
+  do fs::create_directories(folder, error);
+  while (error == std::errc::interrupted);
   if (error)
-    throw RecordError(fmt::format("{}: cannot be created: {}. Choose a folder that can be written.",
-                                  folder.string(), error.message()));
+    throw RecordError(fmt::format("{}: cannot be created: {}. {}", folder.string(), error.message(),
+                                  file_advice(error.value())));
 }
 
 void require_writable(const fs::path& folder, std::string_view what, std::string_view option) {

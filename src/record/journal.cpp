@@ -18,6 +18,7 @@
 
 #include "src/core/clock.h"
 #include "src/core/errors.h"
+#include "src/core/file_errors.h"
 #include "src/record/atomic_file.h"
 
 namespace turntable {
@@ -41,8 +42,8 @@ double monotonic_s() {
 }
 
 [[noreturn]] void fail_recording(const std::filesystem::path& file, const char* what, int error) {
-  throw RecordError(fmt::format("{}: {} failed: {}. What was recorded before is safe.",
-                                file.string(), what, std::strerror(error)));
+  throw RecordError(fmt::format("{}: {} failed: {}. What was recorded before is safe. {}",
+                                file.string(), what, std::strerror(error), file_advice(error)));
 }
 
 /// @return what is wrong with the line; empty if nothing is.
@@ -66,24 +67,40 @@ std::string check_line(std::string_view line, std::uint64_t expected_seq, Json& 
 }  // namespace
 
 Journal::Journal(std::filesystem::path file) : file_(std::move(file)) {
-  fd_ = ::open(file_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0644);
+  fd_ = uninterrupted([this] {
+    return ::open(file_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0644);
+  });
   if (fd_ < 0) fail_recording(file_, "creating the journal", errno);
-  sync_folder(file_.parent_path());
+  try {
+    sync_folder(file_.parent_path());
+  } catch (...) {
+    ::close(fd_);
+    throw;
+  }
 }
 
 Journal::Journal(std::filesystem::path file, const JournalReadout& readout)
     : file_(std::move(file)),
       next_seq_(readout.next_seq),
       size_(static_cast<std::int64_t>(readout.valid_bytes)) {
-  fd_ = ::open(file_.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC);
+  // A run that was ended before its journal was made goes on with a new one.
+  const int create = size_ == 0 ? O_CREAT : 0;
+  fd_ = uninterrupted(
+      [&] { return ::open(file_.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC | create, 0644); });
   if (fd_ < 0) fail_recording(file_, "opening the journal", errno);
+  try {
+    if (create != 0) sync_folder(file_.parent_path());
+  } catch (...) {
+    ::close(fd_);
+    throw;
+  }
   const off_t found = ::lseek(fd_, 0, SEEK_END);
   if (found < size_ || (!readout.torn && found > size_)) {
     ::close(fd_);
     throw RecordError(fmt::format("{}: has changed since it was read: somebody else writes to it.",
                                   file_.string()));
   }
-  if (found > size_ && ::ftruncate(fd_, size_) != 0) {
+  if (found > size_ && uninterrupted([this] { return ::ftruncate(fd_, size_); }) != 0) {
     const int error = errno;
     ::close(fd_);
     fail_recording(file_, "cutting off its torn last line", error);
@@ -94,7 +111,14 @@ Journal::~Journal() {
   if (fd_ >= 0) ::close(fd_);
 }
 
+bool Journal::cut() {
+  torn_ = uninterrupted([this] { return ::ftruncate(fd_, size_); }) != 0;
+  return !torn_;
+}
+
 void Journal::append(std::string_view name, const Json& doc) {
+  // Behind half a line every other would be lost: as the last one it is what a reader leaves out.
+  if (torn_ && !cut()) fail_recording(file_, "taking back a line that was cut off", errno);
   // Devices may say anything about themselves: what is not UTF-8 is replaced, not refused.
   std::string line = fmt::format(R"({{"name":"{}","doc":{},"seq":{},"utc":"{}","mono_s":{:.6f})",
                                  name, doc.dump(-1, ' ', false, Json::error_handler_t::replace),
@@ -102,15 +126,15 @@ void Journal::append(std::string_view name, const Json& doc) {
   const std::string crc = crc_of(line);
   line.append(kCrcKey).append(crc).append("\"}\n");
 
-  ssize_t written = -1;
-  do written = ::write(fd_, line.data(), line.size());
-  while (written < 0 && errno == EINTR);
-  if (written != static_cast<ssize_t>(line.size())) {
+  // Nearly always one write takes it all; what a disk or a share takes in parts, it gets in parts.
+  for (std::string_view rest = line; !rest.empty();) {
+    const ssize_t written = uninterrupted([&] { return ::write(fd_, rest.data(), rest.size()); });
+    if (written > 0) {
+      rest.remove_prefix(static_cast<std::size_t>(written));
+      continue;
+    }
     const int error = written < 0 ? errno : ENOSPC;
-    // Half a line in the middle would spoil everything after it; should this fail too, the reader
-    // says so.
-    if (written > 0) [[maybe_unused]]
-      const int ignored = ::ftruncate(fd_, size_);
+    if (rest.size() < line.size()) cut();
     fail_recording(file_, "writing", error);
   }
   size_ += static_cast<std::int64_t>(line.size());
@@ -118,18 +142,23 @@ void Journal::append(std::string_view name, const Json& doc) {
 }
 
 void Journal::sync() {
-  int result = 0;
-  do result = ::fdatasync(fd_);
-  while (result != 0 && errno == EINTR);
-  if (result != 0) fail_recording(file_, "syncing", errno);
+  if (uninterrupted([this] { return ::fdatasync(fd_); }) != 0)
+    fail_recording(file_, "syncing", errno);
 }
 
 JournalReadout read_journal(const std::filesystem::path& file,
                             const std::function<void(const JournalEntry&)>& visit) {
   std::ifstream in(file, std::ios::binary);
-  if (!in || std::filesystem::is_directory(file))
-    throw ConfigError(file.string(), "",
-                      "cannot be read. A run folder has a journal once it was started.");
+  const int cause = errno;
+  std::error_code error;
+  if (!in && cause != ENOENT)
+    throw RecordError(fmt::format("{}: cannot be read: {}. {}", file.string(), std::strerror(cause),
+                                  file_advice(cause)));
+  if (!in || std::filesystem::is_directory(file, error))
+    throw ConfigError(
+        file.string(), "",
+        "is no journal. A run folder has one once it was started: \"turntable resume\" "
+        "goes on with a run that was ended before.");
   JournalReadout out;
   std::string line;
   Json parsed;
@@ -153,6 +182,10 @@ JournalReadout read_journal(const std::filesystem::path& file,
     ++out.next_seq;
     out.valid_bytes += line.size() + 1;
   }
+  // Not its end: what is behind it is there and may not be taken for lost.
+  if (in.bad())
+    throw RecordError(fmt::format("{}: reading failed behind line {}. {}", file.string(),
+                                  out.next_seq - 1, file_advice(EIO)));
   return out;
 }
 

@@ -37,17 +37,20 @@ class Journal {
   Journal(const Journal&) = delete;
   Journal& operator=(const Journal&) = delete;
 
-  /// One line, one write(2). A line that does not fit on the disk is taken back. Not thread-safe.
+  /// One line, as a rule one write(2). A line that does not fit on the disk is taken back. Not thread-safe.
   /// @throws RecordError.
   void append(std::string_view name, const Json& doc);
   /// Returns once every line so far is on the medium (fdatasync). @throws RecordError.
   void sync();
 
  private:
+  bool cut();  ///< takes back what stands behind `size_`
+
   std::filesystem::path file_;
   int fd_ = -1;
   std::uint64_t next_seq_ = 1;
   std::int64_t size_ = 0;
+  bool torn_ = false;  ///< half a line stands behind `size_`
 };
 
 /// One line; `doc` lives only during the visit.
@@ -61,7 +64,7 @@ struct JournalEntry {
 
 /// Visits every line in order, checking sequence and CRC. A last line that is damaged or has no
 /// line end is what a power cut leaves: it is left out and said in `torn`. @throws ConfigError for
-/// damage anywhere else, naming the line.
+/// damage anywhere else, naming the line; RecordError if the disk does not give it all.
 JournalReadout read_journal(const std::filesystem::path& file,
                             const std::function<void(const JournalEntry&)>& visit);
 

@@ -29,7 +29,15 @@ bool left_by_create(const RunFolder& folder, const std::filesystem::path& entry)
   std::error_code error;
   if (entry == folder.images() || entry == folder.tables() || entry == folder.figures())
     return std::filesystem::is_directory(entry, error) && std::filesystem::is_empty(entry, error);
-  return is_temporary(entry) && entry.stem() == folder.plan().filename();
+  const auto is_part_of = [](const std::filesystem::path& file, const std::filesystem::path& of) {
+    return is_temporary(file) && file.stem() == of.filename();
+  };
+  if (entry ==
+      folder.calibration())  // a file of somebody's own but for the plan that is not there yet
+    for (std::filesystem::directory_iterator it(folder.root(), error), end; !error && it != end;
+         it.increment(error))
+      if (is_part_of(it->path(), folder.plan())) return true;
+  return is_part_of(entry, folder.plan()) || is_part_of(entry, folder.calibration());
 }
 
 }  // namespace
@@ -52,23 +60,35 @@ void RunFolder::require_new(const std::filesystem::path& root) {
   require_writable(root, "the run", "--out");
 }
 
-RunFolder RunFolder::create(const std::filesystem::path& root, const Plan& plan) {
+RunFolder RunFolder::create(const std::filesystem::path& root, const Plan& plan,
+                            const std::string& calibration) {
   require_new(root);
   std::error_code error;
   RunFolder folder(root);
-  for (const auto& entry : std::filesystem::directory_iterator(root, error))
-    if (is_temporary(entry.path())) std::filesystem::remove(entry.path(), error);
+  std::filesystem::remove(folder.calibration(), error);
+  remove_temporaries(root);
   const auto parts = {folder.images(), folder.tables(), folder.figures()};
   try {
     for (const auto& path : parts) make_folder(path);
-    write_atomically(folder.plan(), [&](const ByteSink& sink) { write_plan(plan, sink); });
+    // The plan's name comes last: with it the folder is a run that can be resumed, and nothing may be missing then.
+    StagedFile frozen(folder.plan(), [&](const ByteSink& sink) { write_plan(plan, sink); });
+    if (!calibration.empty()) StagedFile(folder.calibration(), calibration).commit();
+    frozen.commit();
+    sync_folder(root);
   } catch (const RecordError&) {
     // Empty as it was, so that it can be tried again once there is room.
+    std::filesystem::remove(folder.plan(), error);
+    std::filesystem::remove(folder.calibration(), error);
     for (const auto& path : parts) std::filesystem::remove(path, error);
     throw;
   }
   sync_folder(std::filesystem::absolute(root).parent_path());
   return folder;
+}
+
+void RunFolder::remove_temporary_files() const {
+  for (const auto& part : {root_, images(), outputs_, tables(), figures()})
+    remove_temporaries(part);
 }
 
 RunFolder RunFolder::open(const std::filesystem::path& root) {

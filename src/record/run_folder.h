@@ -21,13 +21,17 @@ struct RigFile;
 /// Paths of a run. A plain value; `create` and `open` check what is on disk.
 class RunFolder {
  public:
-  /// Makes the folder with the plan in it. One that was killed before it had its plan counts as empty.
+  /// Makes the folder with the plan in it, and before it the calibration that the run is given, if any. One that was
+  /// killed before it had its plan counts as empty.
   /// @throws ConfigError if `root` exists and is not an empty folder, RecordError if it cannot be written.
-  static RunFolder create(const std::filesystem::path& root, const Plan& plan);
+  static RunFolder create(const std::filesystem::path& root, const Plan& plan,
+                          const std::string& calibration = {});
   /// @throws ConfigError if `root` exists and is not an empty folder.
   static void require_new(const std::filesystem::path& root);
   /// @throws ConfigError if `root` holds no plan.json.
   static RunFolder open(const std::filesystem::path& root);
+  /// What processes left behind that were killed, or could not even remove a file, while they wrote.
+  void remove_temporary_files() const;
   /// results/runs/<UTC>-<name>
   static std::filesystem::path default_root(const std::string& name);
   /// The same run, with everything that follows from it in another folder: to make it again beside
