@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <numbers>
 #include <opencv2/core.hpp>
 
@@ -14,8 +15,10 @@
 namespace turntable {
 namespace {
 
-constexpr int kMaxOrder = 9;
+constexpr int kHighestOrder = 9;
 constexpr double kEnoughPx = 1e-3;
+/// Bytes; OpenCV's own files, with all points of a calibration in them, have some hundred thousand.
+constexpr std::size_t kLargestFile = 16u << 20;
 /// Above the highest order by enough to see what it leaves out.
 constexpr int kNodes = 24;
 
@@ -60,6 +63,21 @@ int extent(const cv::FileStorage& file, const std::string& name, const char* key
 cv::Mat_<double> matrix(const cv::FileStorage& file, const std::string& name, const char* key) {
   const cv::FileNode node = file[key];
   if (node.empty()) refuse(name, key, "is missing. Add it (a matrix as OpenCV writes it).");
+  // The library allocates what rows and columns ask for before it looks at the data.
+  const auto side = [&](const char* of) {
+    const cv::FileNode number = node.isMap() ? node[of] : cv::FileNode();
+    return number.isInt() ? static_cast<std::int64_t>(static_cast<int>(number)) : 0;
+  };
+  const std::int64_t rows = side("rows"), columns = side("cols");
+  const auto values = static_cast<std::int64_t>(node.isMap() ? node["data"].size() : 0);
+  if (rows > 0 && columns > 0 && rows * columns != values)
+    refuse(
+        name, key,
+        fmt::format("found {} numbers, allowed: {}, for {} rows and {} columns. Correct the one or "
+                    "the other.",
+                    values, rows * columns, rows, columns));
+  if (rows <= 0 || columns <= 0)
+    refuse(name, key, "allowed: a matrix as OpenCV writes it (!!opencv-matrix with its data).");
   cv::Mat m;
   try {
     node >> m;
@@ -125,6 +143,11 @@ std::string to_opencv_yaml(const CentralModel& m) {
 }
 
 CentralModel parse_opencv_yaml(const std::string& text, const std::string& name) {
+  if (text.size() > kLargestFile)
+    throw ConfigError(
+        name, "",
+        fmt::format("found {} bytes, allowed: up to {}. This is no camera file of OpenCV.",
+                    text.size(), kLargestFile));
   cv::FileStorage file;
   try {
     file.open(text, cv::FileStorage::READ | cv::FileStorage::MEMORY);
@@ -224,7 +247,7 @@ Calibration calibration_from_central(const CentralModel& given, RayPlanes planes
   const double half_width = 0.5 * (size.width - 1), half_height = 0.5 * (size.height - 1);
   std::vector<Vector2d> pixels, tangents;
   std::vector<double> weights;
-  const auto terms = IrtModel::terms(kMaxOrder);
+  const auto terms = IrtModel::terms(kHighestOrder);
   Eigen::MatrixX4d c = Eigen::MatrixX4d::Zero(static_cast<Eigen::Index>(terms.size()), 4);
   for (std::size_t i = 0; i < kNodes; ++i)
     for (std::size_t j = 0; j < kNodes; ++j) {
@@ -254,7 +277,7 @@ Calibration calibration_from_central(const CentralModel& given, RayPlanes planes
   out.source = source;
   const std::vector<Vector2d> image{
       {0, 0}, {size.width - 1.0, 0}, {size.width - 1.0, size.height - 1.0}, {0, size.height - 1.0}};
-  for (int order = 1; order <= kMaxOrder; ++order) {
+  for (int order = 1; order <= kHighestOrder; ++order) {
     const auto kept = IrtModel::terms(order);
     Eigen::MatrixX4d cut(static_cast<Eigen::Index>(kept.size()), 4);
     for (std::size_t i = 0; i < kept.size(); ++i)
