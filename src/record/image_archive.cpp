@@ -13,6 +13,7 @@
 #include "src/core/errors.h"
 #include "src/core/json_document.h"
 #include "src/record/atomic_file.h"
+#include "src/record/image_decoding.h"
 #include "src/record/sha256.h"
 
 namespace turntable {
@@ -183,15 +184,12 @@ Image load_image(const std::filesystem::path& file, std::string_view sha256) {
         file.string(), "",
         "the image is not the one that was taken: its SHA-256 differs from the journal's. "
         "Restore it from a copy.");
-  cv::Mat pixels;
-  try {
-    pixels = cv::imdecode(cv::Mat(1, static_cast<int>(bytes.size()), CV_8UC1, bytes.data()),
-                          cv::IMREAD_UNCHANGED);
-  } catch (const cv::Exception&) {  // an empty image is answered below
-  }
+  const auto [pixels, said] = decode_image(bytes);
   if (pixels.empty() || pixels.type() != CV_8UC1)
-    throw ConfigError(file.string(), "",
-                      "the image cannot be decoded. Take it again or restore it from a copy.");
+    throw ConfigError(
+        file.string(), "",
+        fmt::format("the image cannot be decoded{}. Take it again or restore it from a copy.",
+                    said.empty() ? "" : " (" + said + ")"));
   Image out;
   out.width = pixels.cols;
   out.height = pixels.rows;

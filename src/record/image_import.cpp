@@ -5,14 +5,13 @@
 #include <algorithm>
 #include <cstdint>
 #include <opencv2/core.hpp>
-#include <opencv2/core/utils/logger.hpp>
-#include <opencv2/imgcodecs.hpp>
 #include <string>
 #include <string_view>
 
 #include "src/core/errors.h"
 #include "src/core/json_document.h"
 #include "src/record/image_archive.h"
+#include "src/record/image_decoding.h"
 
 namespace turntable {
 namespace {
@@ -53,19 +52,6 @@ std::string complaint(std::string_view bytes) {
          "it, to 8-bit grey PNG if possible.";
 }
 
-cv::Mat decode(std::string& bytes) {
-  const auto level = cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
-  cv::Mat pixels;
-  try {
-    pixels = cv::imdecode(cv::Mat(1, static_cast<int>(bytes.size()), CV_8UC1, bytes.data()),
-                          cv::IMREAD_UNCHANGED);
-  } catch (const cv::Exception&) {  // the same as no pixels
-    pixels.release();
-  }
-  cv::utils::logging::setLogLevel(level);
-  return pixels;
-}
-
 /// A camera of 10 or 12 bits whose values were stored as they are, in the lower bits.
 std::uint16_t largest(const cv::Mat& pixels) {
   std::uint16_t most = 0;
@@ -84,11 +70,12 @@ Image import_image(const std::filesystem::path& file) {
   };
   std::string bytes = read_text(file);
   if (const std::string wrong = complaint(bytes); !wrong.empty()) refuse(wrong);
-  const cv::Mat pixels = decode(bytes);
+  const auto [pixels, said] = decode_image(bytes);
   if (pixels.empty())
-    refuse(
-        "the image cannot be decoded: the file is damaged or cut off. Take the image again or "
-        "restore it from a copy.");
+    refuse(fmt::format(
+        "the image cannot be decoded: the file is damaged or cut off{}. Take the image again or "
+        "restore it from a copy.",
+        said.empty() ? "" : " (" + said + ")"));
   const bool deep = pixels.depth() == CV_16U;
   const int channels = pixels.channels();
   if ((!deep && pixels.depth() != CV_8U) || channels == 2 || channels > 4)
