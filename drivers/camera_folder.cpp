@@ -283,16 +283,15 @@ Frame FolderCamera::try_out() {
   } catch (const TimeoutError&) {
     return frame;  // it saves when it is told to
   }
-  throw DeviceError(fmt::format(
-      "camera: images come into {} without being asked for, so one that comes after a trigger may "
-      "have "
-      "been exposed before it, while the axes still moved. State \"latency_ms\" in the rig file's "
-      "camera: how long after the beginning of its exposure an image is in the folder at the "
-      "latest "
-      "(let the camera look at a running clock, and compare what an image shows with the time of "
-      "its "
-      "file). 0 says that this cannot happen.",
-      config_.folder.string()));
+  throw ConfigError(
+      "rig", "/camera/latency_ms",
+      fmt::format(
+          "is missing: images come into {} without being asked for, so one that comes after a "
+          "trigger may have been exposed before it, while the axes still moved. State how long "
+          "after the beginning of its exposure an image is in the folder at the latest (let the "
+          "camera look at a running clock, and compare what an image shows with the time of its "
+          "file). 0 says that this cannot happen. Nothing was moved.",
+          config_.folder.string()));
 }
 
 Frame FolderCamera::trigger() {

@@ -223,7 +223,7 @@ class Acquisition {
     job.overlap = overlap;
     const Time asleep = rig_.clock->asleep();
     move(targets);
-    if (const Time slept = rig_.clock->asleep() - asleep; slept > Time{0})
+    if (const Time slept = rig_.clock->asleep() - asleep; slept > std::chrono::milliseconds{100})
       worker.note([slept](RunJournal& journal) {
         journal.interruption(
             "sleep", fmt::format("the computer slept for {:.1f} s during a move, which ended as it "

@@ -25,7 +25,11 @@ Time time_asleep() {
     ::clock_gettime(clock, &t);
     return std::chrono::seconds{t.tv_sec} + std::chrono::nanoseconds{t.tv_nsec};
   };
-  return read(CLOCK_BOOTTIME) - read(CLOCK_MONOTONIC);
+  // They are read one after the other, and this program may have to wait between the two.
+  for (int attempt = 1;; ++attempt) {
+    const Time before = read(CLOCK_MONOTONIC), asleep = read(CLOCK_BOOTTIME) - before;
+    if (read(CLOCK_MONOTONIC) - before < milliseconds{1} || attempt == 100) return asleep;
+  }
 }
 
 bool readable(int fd, milliseconds wait) {
@@ -39,8 +43,7 @@ SystemClock::SystemClock(double speed)
     : start_(std::chrono::steady_clock::now()), asleep_at_start_(time_asleep()), speed_(speed) {}
 
 Time SystemClock::asleep() const {
-  // The two clocks are read one after the other.
-  constexpr Time kLeast = milliseconds{100};
+  constexpr Time kLeast = milliseconds{100};  // no sleep is that short
   const Time wall = time_asleep() - asleep_at_start_;
   return wall < kLeast ? Time{0} : from_seconds(speed_ * seconds(wall));
 }

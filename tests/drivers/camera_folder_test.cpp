@@ -155,7 +155,7 @@ TEST(FolderCamera, RefusesAFreeRunningSoftwareCameraWhoseLatencyNobodyStates) {
   try {
     camera.try_out();
     FAIL() << "accepted";
-  } catch (const DeviceError& e) {
+  } catch (const ConfigError& e) {
     EXPECT_THAT(e.what(), AllOf(HasSubstr("without being asked"), HasSubstr("latency_ms")));
   }
 }

@@ -377,6 +377,8 @@ class HostileFiles : public ::testing::Test {
       if (HasFatalFailure() || ::testing::Test::HasFailure()) break;
     }
     std::printf("%d refused, %d read\n", refused, read_well);
+    // Where nothing is ever read, the rules stand for the first line of the reader alone.
+    if (count >= 100) EXPECT_GT(read_well, count / 50);
   }
 
   Change json() const {
@@ -448,11 +450,11 @@ constexpr const char* kPoints =
     "x_mm,y_mm,z_mm,u_px,v_px,sigma_px\n0,0,0,100,100,0.1\n10,0,0,110,100,0.1\n0,10,0,100,110,0.1\n"
     "0,0,50,100,100,0.1\n10,0,50,112,100,0.1\n0,10,50,100,112,0.1\n";
 constexpr const char* kSet =
-    R"({"format": "turntable-calibration-set/1", "name": "lab", "title": "Lab",
+    R"({"format": "turntable-calibration-set/1", "name": "lab", "polynomial_order": 1,
   "image_size_px": [200, 160], "points": {"file": "points.csv", "v_counts": "down"},
   "planes": [{"z_mm": 0, "use": "fit"}, {"z_mm": 50, "use": "fit"}]})";
 constexpr const char* kImages =
-    R"({"format": "turntable-calibration-set/1", "name": "lab", "title": "Lab",
+    R"({"format": "turntable-calibration-set/1", "name": "lab",
   "pattern": {"columns": 5, "rows": 4, "origin": [2, 2], "spacing_mm": 10, "radius_mm": 2.5, "circles": "bright"},
   "planes": [{"z_mm": 0, "use": "fit", "images": ["image.png"]}, {"z_mm": 50, "use": "fit", "images": ["image.png"]}]})";
 
