@@ -23,8 +23,9 @@ void make_folder(const fs::path& folder) {
   do fs::create_directories(folder, error);
   while (error == std::errc::interrupted);
   if (error)
-    throw RecordError(fmt::format("{}: cannot be created: {}. {}", folder.string(), error.message(),
-                                  file_advice(error.value())));
+    throw RecordError(
+        fmt::format("{}: cannot be created: {}. {} Or choose another folder that can be written.",
+                    folder.string(), error.message(), file_advice(error.value())));
 }
 
 void require_writable(const fs::path& folder, std::string_view what, std::string_view option) {
