@@ -278,6 +278,8 @@ TEST(DescribedZaber, SaysWhatTheMakersOwnLibrarySays) {
   rig.ready();
   rig.move(rig.yaw(), 10);
   const std::string sent = rig.wire.sent();
+  // The rule that makes ":8D" of "01 0 OK IDLE -- 0" and ":C9" of "1 0 foo 2" in the maker's tests.
+  EXPECT_TRUE(sent.starts_with("/1 1 1 get maxspeed:56\r\n")) << sent.substr(0, 40);
   EXPECT_THAT(sent, HasSubstr(" move abs 7600:"));  // the overshoot of 0.5 deg before 10 deg
   EXPECT_THAT(sent, HasSubstr(" move abs 8000:"));
   EXPECT_THAT(sent, HasSubstr("/1 2 "));
