@@ -377,7 +377,10 @@ std::vector<std::string> shipped_descriptions() {
 
 ControllerDescription load_description(const ControllerConfig& controller) {
   const std::string& wanted = controller.description;
-  if (wanted.ends_with(".json")) return parse_description(read_text(wanted), wanted);
+  if (wanted.ends_with(".json"))
+    return parse_description(
+        controller.description_text.empty() ? read_text(wanted) : controller.description_text,
+        wanted);
   for (const auto& [stem, text] : embedded::controller_descriptions())
     if (stem == wanted) return parse_description(std::string(text), wanted);
   throw ConfigError(

@@ -499,6 +499,9 @@ int resume_command(const ResumeArguments& a) {
   }
   const Plan& plan = before.plan;
   RigFile rig_file = rig_of(before);
+  for (ControllerConfig& controller : rig_file.controllers)
+    for (const FrozenText& source : plan.sources)
+      if (source.file == controller.description) controller.description_text = source.text;
   know_rig(rig_file);
   const std::vector<std::string> other_lines = put_lines(rig_file, a.lines);
   const nlohmann::json start = before.start_document.empty()

@@ -11,6 +11,7 @@
 #include <tuple>
 
 #include "src/core/errors.h"
+#include "src/core/json_document.h"
 #include "src/core/motion_time.h"
 #include "src/core/random.h"
 #include "src/geometry/gimbal.h"
@@ -447,6 +448,14 @@ Plan plan_campaign(const Campaign& campaign, const RigFile& rig) {
   for (const Scenario& s : campaign.scenarios) {
     add_scenario(plan, s, rig);
     plan.sources.push_back(freeze(s.file, s.text));
+  }
+  for (const ControllerConfig& controller : rig.controllers) {
+    const std::string& file = controller.description;
+    const auto same = [&](const FrozenText& source) { return source.file == file; };
+    if (file.ends_with(".json") && std::ranges::none_of(plan.sources, same))
+      plan.sources.push_back(freeze(file, controller.description_text.empty()
+                                              ? read_text(file)
+                                              : controller.description_text));
   }
   number_poses(plan);
   return plan;

@@ -78,6 +78,8 @@ struct ControllerConfig {
   bool answers_while_moving = true;  ///< false: nothing but a stop is heard until a move has ended
   /// Of model "described": one that is shipped, or the path of a file that ends in .json.
   std::string description;
+  /// Of that file, as a plan has frozen it; empty: it is read when it is needed.
+  std::string description_text;
   std::vector<OutputConfig> outputs;
 };
 

@@ -77,7 +77,8 @@ struct Plan {
   std::string name;
   std::string title;
   FrozenText rig;
-  std::vector<FrozenText> sources;  ///< campaign first (if any), then one file per scenario
+  std::vector<FrozenText> sources;  ///< campaign first (if any), then one file per scenario, then
+                                    ///< descriptions of controllers that are files
   std::vector<ScenarioInfo> scenarios;
   std::vector<PlannedPose> poses;
 

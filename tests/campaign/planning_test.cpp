@@ -8,6 +8,7 @@
 #include <set>
 #include <sstream>
 
+#include "drivers/controller_description.h"
 #include "src/core/errors.h"
 #include "src/core/motion_time.h"
 #include "tests/support/temporary_folder.h"
@@ -67,6 +68,25 @@ TEST(Plan, BeginsEachRepeatWithAReferencePose) {
   EXPECT_EQ(plan.poses[13].point, 6);
   EXPECT_EQ(plan.poses[13].images, 3);
   EXPECT_EQ(plan.poses[13].dwell_s, 0.25);
+}
+
+TEST(Plan, FreezesTheDescriptionOfAController) {
+  const TemporaryFolder folder;
+  const std::filesystem::path file = folder / "mine.json";
+  std::filesystem::copy_file(
+      std::filesystem::path(TURNTABLE_SOURCE_DIR) / "drivers/described/zaber_ascii.json", file);
+  RigFile rig = load_rig_file(kScenarios / "rigs" / "described_zaber.json");
+  ControllerConfig& controller = rig.controllers.front();
+  controller.description = file.string();
+  const FrozenText frozen = plan_campaign(single(kTwoAxes), rig).sources.back();
+  EXPECT_EQ(frozen.file, file.string());
+  EXPECT_EQ(frozen.text, slurp(file));
+  // A run that goes on has it from its plan, whatever has become of the file.
+  std::filesystem::remove(file);
+  EXPECT_THROW(plan_campaign(single(kTwoAxes), rig), ConfigError);
+  EXPECT_THROW(load_description(controller), ConfigError);
+  controller.description_text = frozen.text;
+  EXPECT_THAT(load_description(controller).title, HasSubstr("Zaber ASCII protocol"));
 }
 
 TEST(Plan, AsWrittenStartsInnerRangesAgain) {

@@ -21,6 +21,7 @@
 #include <string>
 #include <vector>
 
+#include "drivers/controller_description.h"
 #include "drivers/sim/fault_file.h"
 #include "drivers/telemetry.h"
 #include "src/campaign/planning.h"
@@ -439,6 +440,15 @@ TEST_F(HostileFiles, Target) {
 TEST_F(HostileFiles, CalibrationResult) {
   hold(200, "calibration.json", shipped({"calibrations/paper_table1.json"}), json(),
        [](const fs::path& file) { (void)load_calibration(file); });
+}
+
+TEST_F(HostileFiles, DescriptionOfAController) {
+  std::vector<std::string> corpus;
+  for (const char* name : {"zaber_ascii", "ideal_aerosmith", "acutrol"})
+    corpus.push_back(slurp(fs::path(TURNTABLE_SOURCE_DIR) / "drivers/described" /
+                           (std::string(name) += ".json")));
+  hold(300, "controller.json", corpus, json(),
+       [](const fs::path& file) { (void)parse_description(read_text(file), file.string()); });
 }
 
 TEST_F(HostileFiles, Faults) {
