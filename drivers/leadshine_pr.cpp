@@ -541,10 +541,21 @@ void LeadshinePr::send_stop(const Channel& channel, bool immediate) {
   tried.rethrow();
 }
 
+/// An output that is one bit of a register leaves the others as they are.
 void LeadshinePr::switch_output(const OutputConfig& output, bool on) {
-  const std::uint16_t value = on ? output.on_value : output.off_value;
-  write(fmt::format("output {} of {}", output.name, config().name), output.slave,
-        static_cast<std::uint16_t>(*output.register_at), {&value, 1});
+  const std::string who = fmt::format("output {} of {}", output.name, config().name);
+  const auto address = static_cast<std::uint16_t>(*output.register_at);
+  std::uint16_t value = on ? output.on_value : output.off_value;
+  if (!output.bit) return write(who, output.slave, address, {&value, 1});
+  retried(Time::max(), [&] {
+    said([&] { return who; },
+         [&] { return fmt::format("switching bit {} of register 0x{:04X}", *output.bit, address); },
+         [&] {
+           const std::uint16_t others = master_.read_holding(output.slave, address, 1)[0];
+           value = static_cast<std::uint16_t>((others & ~output.mask()) | output.bits(on));
+           master_.write_register(output.slave, address, value, ModbusMaster::Repeat::kAllowed);
+         });
+  });
 }
 
 }  // namespace

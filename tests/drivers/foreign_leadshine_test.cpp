@@ -34,6 +34,12 @@ class ForeignLeadshine : public ::testing::TestWithParam<DriveManners> {
     ControllerConfig config;
     config.name = "bus";
     config.model = "leadshine-pr";
+    OutputConfig camera;
+    camera.name = "camera";
+    camera.register_at = 0x0157;  // of all outputs
+    camera.slave = 3;
+    camera.bit = 1;
+    config.outputs = {camera};
     controller =
         open_controller({config, {rotary_axis(AxisId::kYaw, "3")}, std::move(ends.first), &clock});
   }
@@ -138,6 +144,16 @@ TEST_P(ForeignLeadshine, WhoseTriggerArrivesSpoiltIsNotMovedAndSaysSo) {
               AllOf(HasSubstr("0x6002"), HasSubstr("exception 08"), HasSubstr("arrived spoilt")));
   EXPECT_THAT(peer.triggers, IsEmpty());
   EXPECT_NEAR(degrees(), 0, 1e-9);
+}
+
+TEST_P(ForeignLeadshine, KeepsTheOtherOutputsOfARegister) {
+  for (const int others : {0x0001, 0x0083}) {
+    peer.words[0x0157] = others;
+    peer.written.clear();
+    controller->pulse_output("camera");
+    EXPECT_THAT(peer.written,
+                ElementsAre(std::pair{0x0157, others | 2}, std::pair{0x0157, others & ~2}));
+  }
 }
 
 TEST_P(ForeignLeadshine, OfTheOtherRegisterMapIsTold) {

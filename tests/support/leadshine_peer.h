@@ -35,6 +35,7 @@ class LeadshinePeer final : public Actor {
       : line_(std::move(line)), slave_(slave), manners_(std::move(manners)) {
     for (int a = 0x0000; a <= 0x000F; ++a) words[a] = 0;
     for (int a = 0x0144; a <= 0x0152; ++a) words[a] = 0;
+    words[0x0157] = 0;
     for (int a = 0x6000; a <= 0x6019; ++a) words[a] = 0;
     for (int a = 0x6200; a <= 0x627F; ++a) words[a] = 0;
     words[0x0001] = 10000;
@@ -81,8 +82,9 @@ class LeadshinePeer final : public Actor {
   bool running(Time now) { return advance(now), !legs_.empty() && legs_.front().moves; }
 
   std::map<int, int> words, saved{};
-  std::optional<double> upper_switch{};  ///< pulses; where a path ends by itself
-  std::vector<int> triggers{};           ///< written to 0x6002
+  std::optional<double> upper_switch{};        ///< pulses; where a path ends by itself
+  std::vector<int> triggers{};                 ///< written to 0x6002
+  std::vector<std::pair<int, int>> written{};  ///< to all others: address, value
   int requests = 0;
   bool spoils_triggers = false;
 
@@ -206,6 +208,7 @@ class LeadshinePeer final : public Actor {
     }
     if (address != 0x6002) {
       words[address] = value;
+      written.emplace_back(address, value);
       if (address != 0x6207 || value != 0x10) return;
     }
     triggers.push_back(value);
