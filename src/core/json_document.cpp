@@ -68,16 +68,16 @@ Json whole_schema(std::string_view name) {
 
 /// valijson names a place as "<root>[axes][yaw][limits_deg][0]"; users get a JSON pointer.
 std::string pointer_of(const valijson::ValidationResults::Error& error) {
-  std::string pointer;
+  Json::json_pointer pointer;
   for (std::string part : error.context) {
     if (part == "<root>") continue;
     if (part.size() >= 2 && part.front() == '[' && part.back() == ']')
       part = part.substr(1, part.size() - 2);
     if (part.size() >= 2 && part.front() == '"' && part.back() == '"')
       part = part.substr(1, part.size() - 2);
-    pointer += "/" + part;
+    pointer /= part;  // as a pointer writes a name with a slash or a tilde
   }
-  return pointer;
+  return pointer.to_string();
 }
 
 /// Value for a message: short, on one line.
