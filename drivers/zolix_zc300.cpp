@@ -54,7 +54,7 @@ constexpr Time kShared = milliseconds{5};
 
 // How far off a predicted end may be.
 constexpr double kGuard_s = 0.06, kGuardOfMotion = 0.01;
-constexpr Time kGuardPoll = milliseconds{10};
+constexpr Time kGuardPoll = milliseconds{10}, kOverdue = std::chrono::seconds{2};
 constexpr Time kIdentify = milliseconds{400};
 
 constexpr const char* kPowerCycled = "the controller was switched off and on again";
@@ -141,7 +141,7 @@ class Zc300 final : public AxisController {
   struct Known {
     int mark = 0;              ///< of its acceleration since it was homed; 0 = it was not
     bool homing = false;       ///< a home command was given, and not yet seen to have succeeded
-    std::optional<Time> ends;  ///< predicted, of the last motion
+    std::optional<Time> ends;  ///< predicted, of a motion that was not seen to have ended
     Time guard{0};
     unsigned seen = 0;          ///< the last status read that it was told of
     std::optional<Time> ended;  ///< when it was first told that the last motion had ended
@@ -317,6 +317,8 @@ Zc300::Snapshot Zc300::look(const Channel& channel, Time deadline) {
                                         seen.position[number_of(channel)]));
       seen_ = seen;
       known_[channel.index].seen = seen.number;
+      for (const Channel& other : channels())
+        if (!seen.moving[number_of(other)]) known_[other.index].ends.reset();
       return seen;
     });
   });
@@ -593,14 +595,15 @@ void Zc300::write_target(const Channel& channel, double target) {
   }
 }
 
-/// Returns when no other axis is within the guard of its predicted end: that is over, and a read has
-/// been there to be missed; or it is some way off. Bounded by twice the longest guard and a read.
+/// Returns when no other axis is about to end: it has been seen to stand, and a read has been there to be
+/// missed; or its predicted end is further off than the guard. An axis that moves on and on is not waited
+/// for: its own deadline ends that.
 /// @throws TimeoutError if a stop waits: nothing must start then.
 void Zc300::wait_for_ends(const Channel& channel) {
   const auto about_to_end = [&](const Channel& other) {
     const Known& known = known_[other.index];
     return other.index != channel.index && known.ends &&
-           clock().now() > *known.ends - known.guard && clock().now() < *known.ends + known.guard;
+           clock().now() > *known.ends - known.guard && clock().now() < *known.ends + kOverdue;
   };
   while (std::ranges::any_of(channels(), about_to_end)) {
     const Snapshot seen = look(channel);

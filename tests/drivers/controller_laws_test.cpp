@@ -1,6 +1,7 @@
 // What every controller of the catalogue has to do, over every kind of line, and with everything
 // that can go wrong: it ends in the right place, or in an error that names the axis; the axes stand;
 // no motion command goes out twice; and a driver that connects again goes on.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -300,6 +301,30 @@ void flood(const ControllerVariant& variant, const char* flooded) {
 TEST(FloodedLine, EndsEveryWaitAtItsDeadlineAndTellsTheAxesToStop) {
   for (const ControllerVariant& variant : all_controllers())
     for (const char* flooded : {"status", "move", "home"}) flood(variant, flooded);
+}
+
+/// All axes to 80 places, overshoot included, with whatever the controller misses now and then.
+void go_round(const ControllerVariant& variant, std::uint64_t seed) {
+  SCOPED_TRACE(fmt::format("{}, seed {}", variant.name(), seed));
+  SimulatedController rig(variant, Transport::kSocketPair, {}, {}, seed, false);
+  rig.ready();
+  for (int k = 1; k <= 80; ++k) {
+    const double to = 5.0 * (k % 11) - 25.0;
+    rig.yaw().start(Degrees{to});
+    rig.roll().start(Degrees{-to});
+    rig.stage().start(Millimetres{30 + to});
+    wait_all(rig.yaw(), rig.roll(), rig.stage());
+    EXPECT_NEAR(rig.truth(AxisId::kYaw), to, kPulse_deg);
+    EXPECT_NEAR(rig.truth(AxisId::kRoll), -to, kPulse_deg);
+    EXPECT_NEAR(rig.truth(AxisId::kStage), 30 + to, kPulse_mm);
+  }
+}
+
+// A ZC300 misses a request after one in twenty motions, and a command that is missed ends a night.
+TEST(ManyPoses, EndWithoutTroubleWhereNothingIsWrong) {
+  for (const ControllerVariant& variant : all_controllers())
+    for (std::uint64_t seed = 1; seed <= (variant.model == "zolix-zc300" ? 8u : 1u); ++seed)
+      EXPECT_NO_THROW(go_round(variant, seed)) << variant.name();
 }
 
 TEST_P(EveryController, AStopFromAnotherThreadGoesOutWithinOnePollInterval) {
