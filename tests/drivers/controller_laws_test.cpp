@@ -179,9 +179,10 @@ TEST_P(EveryController, MovesIndependentAxesAtTheSameTime) {
       std::max({r->yaw().move_seconds({0}, {25}), r->roll().move_seconds({0}, {-20}),
                 r->stage().move_seconds({0}, {50})});
   if (GetParam().controller.answers_while_moving)
-    // A ZC300 takes 60 ms for each answer, of which the last axis waits for ten before it starts, and may
-    // miss a request.
-    EXPECT_LT(took, longest + 0.6 + (model() == "zolix-zc300" ? 1.2 : 0.0));
+    // A ZC300 takes up to 73 ms for each answer, of which the last axis waits for ten before it starts,
+    // and a question that is missed costs its timeout of 0.4 s: 1.24 s were the most of 400 seeds. One
+    // axis after the other takes 2.4 s more.
+    EXPECT_LT(took, longest + 0.6 + (model() == "zolix-zc300" ? 1.5 : 0.0));
   else  // it hears nothing while one of its axes moves: one after the other
     EXPECT_LT(took, 2.5 * longest + 2.0);
 }
