@@ -25,6 +25,8 @@ std::string identify_described_text(SharedLine line, Clock& clock);
 /// says of itself comes on top.
 inline constexpr std::array kUnconfirmedDescribed{
     std::string_view{"The controller hears questions and stops while an axis moves."},
-    std::string_view{"A half-said command that ends in \"!\" is refused and not carried out."}};
+    std::string_view{
+        "A command whose sending broke off is ended with \"!\", which the controller is "
+        "taken to refuse instead of carrying out what it had heard."}};
 
 }  // namespace turntable

@@ -502,8 +502,8 @@ int resume_command(const ResumeArguments& a) {
   for (ControllerConfig& controller : rig_file.controllers)
     for (const FrozenText& source : plan.sources)
       if (source.file == controller.description) controller.description_text = source.text;
-  know_rig(rig_file);
   const std::vector<std::string> other_lines = put_lines(rig_file, a.lines);
+  know_rig(rig_file);
   const nlohmann::json start = before.start_document.empty()
                                    ? nlohmann::json::object()
                                    : nlohmann::json::parse(before.start_document);
@@ -517,9 +517,8 @@ int resume_command(const ResumeArguments& a) {
   if (start.empty())
     spdlog::warn(
         "{}: the run was ended before its journal began, and nothing is known of the options that "
-        "it "
-        "was given: images are archived as regions, and solvers are those of --solver or the usual "
-        "ones. To have others, remove the folder and run again.",
+        "it was given: images are archived as regions, and solvers are those of --solver or the "
+        "usual ones. To have others, remove the folder and run again.",
         folder.root().string());
   // What the run was given when it began, also if it has a sweep of its own.
   const std::string calibration_sha256 = given_calibration_sha256(before);

@@ -533,6 +533,7 @@ std::vector<std::string> put_lines(RigFile& rig, const std::vector<std::string>&
     LineConfig& line = controller->line;
     if (line.kind == LineConfig::Kind::kSimulated)
       refuse(fmt::format("{} is simulated inside this program", name));
+    const std::string before = line_id(line);
     const std::string where = text.substr(equals + 1);
     const std::size_t colon = where.rfind(':');
     int port = 0;
@@ -549,6 +550,11 @@ std::vector<std::string> put_lines(RigFile& rig, const std::vector<std::string>&
       refuse("a port of TCP is a number from 1 to 65535");
     }
     done.push_back(text);
+    for (ControllerConfig& other : rig.controllers) {  // they have one line, wherever it is now
+      if (before.empty() || line_id(other.line) != before) continue;
+      other.line = line;
+      done.push_back(fmt::format("{}={}", other.name, where));
+    }
   }
   return done;
 }

@@ -24,7 +24,7 @@ RigFile load_rig(const std::filesystem::path& file);
 void know_rig(RigFile& rig);
 
 /// Puts controllers on other lines: "mc1=/dev/ttyUSB1", "mc1=10.0.0.7:4001". A line is no part of what is
-/// measured. @return the same, as understood. @throws ConfigError for what cannot be.
+/// measured; who shares it moves along. @return the same, for each controller that moved. @throws ConfigError for what cannot be.
 std::vector<std::string> put_lines(RigFile& rig, const std::vector<std::string>& lines);
 
 /// Opens lines, controllers and camera, and verifies the controllers' set-up against the rig file.

@@ -182,7 +182,7 @@ TEST_P(EveryController, MovesIndependentAxesAtTheSameTime) {
     // A ZC300 takes up to 73 ms for each answer, of which the last axis waits for ten before it starts,
     // and a question that is missed costs its timeout of 0.4 s: 1.24 s were the most of 400 seeds. One
     // axis after the other takes 2.4 s more.
-    EXPECT_LT(took, longest + 0.6 + (model() == "zolix-zc300" ? 1.5 : 0.0));
+    EXPECT_LT(took, longest + 0.6 + (model() == "zolix-zc300" ? 1.3 : 0.0));
   else  // it hears nothing while one of its axes moves: one after the other
     EXPECT_LT(took, 2.5 * longest + 2.0);
 }
